@@ -27,7 +27,7 @@ from . import (
 )
 from .client import Fault
 from .dots import number_of
-from .export import Exporter
+from .export import Exporter, middles_of
 
 # A body counts as moved by hand from this displacement on, relative to its prop's size; within it, two are in contact.
 MOVED, TOUCH = 1e-4, 0.03
@@ -227,7 +227,7 @@ def settling(context, collection, added=0, over=(), region="", seed=0):
     if None in sources:
         raise Fault("Some of the pile's props are not in the file any more. Bring them back first.")
     exporter = Exporter(context)
-    props = yield from exporter.props(sources)
+    props = yield from exporter.props(sources, middles_of(recipe))
     if exporter.problems:
         raise Fault("", problems=exporter.problems)
     root = roots.of(collection)

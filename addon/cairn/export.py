@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Matrix, Vector
 
 from . import axes, client, glb, nodes
 from .client import Problem
@@ -36,11 +36,31 @@ class Prop:
     # From the source's local space to the prop's own frame, which has the source's origin and rotation and the scene's
     # scale: for most objects, their scale.
     local: Matrix
+    # Where the own frame's origin is, from the source's: not there where that is far from the mesh, since a body turns
+    # about its own origin between two frames.
+    middle: Vector
     # From the prop's own frame to the world.
     frame: Matrix
     # Vertices [v, 3] in the prop's own frame, Blender's axes and units, and triangles [t, 3]: for the preview.
     vertices: np.ndarray
     triangles: np.ndarray
+
+
+OWN = "OWN"
+"""Frames about the meshes, where the sources' origins are far from them."""
+
+
+def middles_of(recipe):
+    """The middles of an earlier bake's props. Older files have none."""
+    return [prop.get("middle", (0, 0, 0)) for prop in recipe["props"]]
+
+
+def _middle(vertices):
+    """The middle of a mesh whose origin is outside of the sphere around it; else the origin."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    middle = (low + high) / 2
+    is_far = np.linalg.norm(middle) > np.linalg.norm(high - low) / 2
+    return Vector(middle) if is_far else Vector()
 
 
 def metres(scene):
@@ -90,10 +110,11 @@ class Exporter:
             yield
         return models
 
-    def props(self, sources):
-        """Meshes in their own frames, of each object with everything below it. Those without faces are problems."""
+    def props(self, sources, middles=None):
+        """Meshes in their own frames, of each object with everything below it. Those without faces are problems.
+        `middles`: of the frames, as in `Prop.middle`, where they are known; else the sources' origins. `OWN`: found."""
         props = []
-        for source in sources:
+        for number, source in enumerate(sources):
             family = [source, *source.children_recursive]
             with evaluated(self.context, family, self.passive) as geometry:
                 meshes = [mesh for member in family for mesh in geometry(member)]
@@ -101,9 +122,14 @@ class Exporter:
             if meshes:
                 location, rotation, _ = place.decompose()
                 frame = Matrix.Translation(location) @ rotation.to_matrix().to_4x4()
+                if middles == OWN:
+                    middle = _middle(joined(meshes, frame.inverted())[0])
+                else:
+                    middle = Vector(middles[number]) if middles else Vector()
+                frame = frame @ Matrix.Translation(middle)
                 model = self._model(source.name, meshes, frame.inverted())
                 vertices, triangles = joined(meshes, frame.inverted())
-                props.append(Prop(model, source, frame.inverted() @ place, frame, vertices, triangles))
+                props.append(Prop(model, source, frame.inverted() @ place, middle, frame, vertices, triangles))
             else:
                 message = f"The prop “{source.name}” has no faces. Remove it from the props, or give it faces."
                 self.problems.append(Problem(message, source.name))

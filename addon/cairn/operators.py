@@ -55,7 +55,7 @@ def seen_props(context, recipe):
     if None in sources:
         return None
     exporter = export.Exporter(context)
-    props = yield from exporter.props(sources)
+    props = yield from exporter.props(sources, export.middles_of(recipe))
     return None if exporter.problems else (yield from preview.drawn(props))
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from . import axes, keyframes
 from .client import Problem
+from .export import OWN
 from .schema import knows
 
 # A scale that changes by more than this while a collider moves cannot be followed.
@@ -90,7 +91,7 @@ class Extras:
 
     def _placed(self, sources):
         """Props that the fill does not use."""
-        props = yield from self.exporter.props(sources)
+        props = yield from self.exporter.props(sources, OWN)
         for prop in props:
             self.scene_message.props.add(path=self._add(prop.model, prop.source), weight=0.0)
         self.props += props

@@ -9,7 +9,7 @@ import numpy as np
 
 from . import arrangement, placed, pointers
 from .client import Fault
-from .export import SOLID, Exporter, metres
+from .export import OWN, SOLID, Exporter, metres
 from .prop_collections import members
 from .schema import GROUPS, fields_of, knows
 
@@ -177,7 +177,7 @@ def taking(context, passive=False):
     exporter = Exporter(context, passive)
     control = exporter.region(settings.control_mesh)
     chosen = props_of(settings)
-    props = yield from exporter.props([source for source, _ in chosen])
+    props = yield from exporter.props([source for source, _ in chosen], OWN)
     colliders = colliders_of(settings)
     moving = [] if passive else placed.moving(context, colliders)
     statics = yield from exporter.scenery([source for source in colliders if source not in moving])
@@ -238,6 +238,7 @@ def taking(context, passive=False):
                 "name": prop.source.name,
                 "library": prop.source.library.filepath if prop.source.library else None,
                 "local": [list(row) for row in prop.local],
+                "middle": list(prop.middle),
                 # Kept objects are in the scene already.
                 "is_shown": prop not in extras.kept,
             }

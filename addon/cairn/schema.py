@@ -10,6 +10,8 @@ FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
 # Fields that the add-on sets itself, from its own properties or from Blender's scene.
 OWN = {
     *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
+    # A container is named by a file of the request: the panel has no place for it.
+    *(("Fill", name) for name in ("into", "level", "share", "heap")),
     ("Output", "fps"),
     ("Output", "frames"),
     ("Output", "trim"),

@@ -188,7 +188,7 @@ def load(context, entry):
             "Some props of this variant are not in the file any more. Bring them back, or bake the variant again."
         )
     exporter = export.Exporter(context)
-    props = yield from exporter.props(sources)
+    props = yield from exporter.props(sources, export.middles_of(recipe))
     drawn = yield from preview.drawn(props)
     fetched = job.Job(preferences.server(context), bake_id=entry.bake_id, has_fill=False)
     fetched.start()

@@ -6,14 +6,14 @@ import contextlib
 import json
 import os
 import tempfile
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from .request import Request, Scene, read
 from .v1.event_pb2 import Accepted, Progress, Summary
-from .v1.service_pb2 import GetServerInfoResponse, PlanBakeResponse
+from .v1.service_pb2 import BakeStatus, GetServerInfoResponse, PlanBakeResponse
 from .wire import client
 from .wire.client import Connection, Fault, Target
 from .wire.messages import v1
@@ -30,12 +30,19 @@ class AsyncClient:
     `address`: HOST:PORT, https://HOST:PORT or unix:PATH. `token`: the server's, if it has one. `certificates`: a PEM
     file of the authority that signed the server's certificate; empty: this machine's. `route`: where several servers
     are behind a proxy, calls with the same text reach the same one; empty: a bake's calls have a hash of its request.
+    `identity`: PEM files of this caller's certificate and its key, where the server asks for one.
     """
 
     def __init__(
-        self, address: str = "127.0.0.1:50151", *, token: str = "", certificates: str = "", route: str = ""
+        self,
+        address: str = "127.0.0.1:50151",
+        *,
+        token: str = "",
+        certificates: str = "",
+        route: str = "",
+        identity: tuple[str, str] | tuple[()] = (),
     ) -> None:
-        self._target = Target(address, token, certificates, route)
+        self._target = Target(address, token, certificates, route, identity)
 
     async def info(self) -> GetServerInfoResponse:
         """Versions, limits and accuracy presets of the server."""
@@ -91,9 +98,45 @@ class AsyncClient:
         return AsyncBake(self._target, client.watch(_reach(self._target), bake_id, has_fill=has_fill), bake_id)
 
     async def cancel(self, bake_id: str) -> None:
-        """Ends a waiting or running bake at once."""
+        """Withdraws from a waiting or running bake, which ends at once if nobody else wants it."""
         async with Connection(self._target) as server:
             await server.call("CancelBake", bake_id=bake_id)
+
+    async def list(
+        self,
+        *,
+        owner: str = "",
+        labels: Mapping[str, str] | None = None,
+        states: Sequence[str] = (),
+    ) -> AsyncIterator[BakeStatus]:
+        """The bakes of the server, the latest first, as it sends them.
+
+        `owner`: only those that this caller owns or wants. `labels`: only those with all of these. `states`: queued,
+        running, succeeded, failed or cancelled.
+        """
+        known = {name.removeprefix("BAKE_STATE_").lower(): number for name, number in v1.BakeState.items() if number}
+        if wrong := [state for state in states if state not in known]:
+            raise Fault(f"There is no state “{wrong[0]}”. Choose of {', '.join(known)}.")
+        selected = {"owner": owner, "labels": dict(labels or {}), "states": [known[state] for state in states]}
+        page = ""
+        async with Connection(self._target) as server:
+            while True:
+                reply = await server.call("ListBakes", page_token=page, **selected)
+                for bake in reply.bakes:
+                    yield bake
+                page = reply.next_page_token
+                if not page:
+                    return
+
+    async def get(self, bake_id: str) -> BakeStatus:
+        """The status of a bake, by its id or the first 6 or more digits of it."""
+        async with Connection(self._target) as server:
+            return (await server.call("GetBake", bake_id=bake_id)).bake
+
+    async def delete(self, bake_id: str) -> None:
+        """Ends a bake and removes its files; while other callers want it, only withdraws from it."""
+        async with Connection(self._target) as server:
+            await server.call("DeleteBake", bake_id=bake_id)
 
 
 class AsyncBake:

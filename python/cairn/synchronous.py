@@ -6,13 +6,13 @@ import asyncio
 import functools
 import os
 import threading
-from collections.abc import Coroutine, Iterator, Mapping
+from collections.abc import Coroutine, Iterator, Mapping, Sequence
 from typing import Any, TypeVar
 
 from .asynchronous import AsyncBake, AsyncClient, Event
 from .request import Request, Scene
 from .v1.event_pb2 import Accepted, Summary
-from .v1.service_pb2 import GetServerInfoResponse, PlanBakeResponse
+from .v1.service_pb2 import BakeStatus, GetServerInfoResponse, PlanBakeResponse
 from .wire.recording import Motion
 
 T = TypeVar("T")
@@ -39,9 +39,15 @@ class Client:
     """A client of a server, like `AsyncClient`, but each call waits for its answer."""
 
     def __init__(
-        self, address: str = "127.0.0.1:50151", *, token: str = "", certificates: str = "", route: str = ""
+        self,
+        address: str = "127.0.0.1:50151",
+        *,
+        token: str = "",
+        certificates: str = "",
+        route: str = "",
+        identity: tuple[str, str] | tuple[()] = (),
     ) -> None:
-        self._client = AsyncClient(address, token=token, certificates=certificates, route=route)
+        self._client = AsyncClient(address, token=token, certificates=certificates, route=route, identity=identity)
 
     def info(self) -> GetServerInfoResponse:
         """Versions, limits and accuracy presets of the server."""
@@ -75,8 +81,32 @@ class Client:
         return Bake(self._client.watch(bake_id, has_fill=has_fill))
 
     def cancel(self, bake_id: str) -> None:
-        """Ends a waiting or running bake at once."""
+        """Withdraws from a waiting or running bake, which ends at once if nobody else wants it."""
         _wait(self._client.cancel(bake_id))
+
+    def list(
+        self,
+        *,
+        owner: str = "",
+        labels: Mapping[str, str] | None = None,
+        states: Sequence[str] = (),
+    ) -> Iterator[BakeStatus]:
+        """The bakes of the server, the latest first, like `AsyncClient.list`."""
+        bakes = aiter(self._client.list(owner=owner, labels=labels, states=states))
+
+        async def following() -> BakeStatus | None:
+            return await anext(bakes, None)
+
+        while (bake := _wait(following())) is not None:
+            yield bake
+
+    def get(self, bake_id: str) -> BakeStatus:
+        """The status of a bake, by its id or the first 6 or more digits of it."""
+        return _wait(self._client.get(bake_id))
+
+    def delete(self, bake_id: str) -> None:
+        """Ends a bake and removes its files; while other callers want it, only withdraws from it."""
+        _wait(self._client.delete(bake_id))
 
 
 class Bake:

@@ -2,8 +2,9 @@
 
 use crate::wire::proto::pile_service_client::PileServiceClient;
 use crate::wire::proto::{
-    Artifact, AssetHeader, BakeEvent, BakeRequest, CancelBakeRequest, DownloadResultRequest, FrameSelection,
-    GetServerInfoRequest, HaveAssetsRequest, UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
+    Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, BakeStatus, CancelBakeRequest, DeleteBakeRequest,
+    DownloadResultRequest, FrameSelection, GetBakeRequest, GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest,
+    PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
 };
 use crate::wire::versions::PROTOCOL;
 use bytes::Bytes;
@@ -14,6 +15,7 @@ use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Certificate, Channel, ClientTlsConfig, Endpoint, Identity};
 use tonic::{Code, Request, Status};
+use tonic_types::StatusExt;
 
 /// How to reach a server.
 #[derive(Clone, Debug, Default)]
@@ -65,9 +67,38 @@ const ROUTE: &str = "cairn-route";
 
 /// Bytes of a chunk of an upload.
 const CHUNK: usize = 64 << 10;
-/// Consecutive attempts to resume a broken stream. The pause before each doubles.
+/// Consecutive attempts to resume a broken stream, or to repeat a call. The pause before each doubles.
 const ATTEMPTS: u32 = 6;
+/// The same after a server has said that it shuts down: the next one comes once its bakes have ended.
+const ATTEMPTS_AT_RESTART: u32 = 9;
 const FIRST_PAUSE: Duration = Duration::from_millis(200);
+
+/// Counts the attempts since something last went well.
+#[derive(Default)]
+struct Attempts {
+    made: u32,
+    is_restart: bool,
+}
+
+impl Attempts {
+    /// Pauses before another attempt, if there is to be one after this error: a broken connection ends with one of
+    /// these codes, and so do the calls of a server that shuts down.
+    async fn again(&mut self, error: Status) -> Result<(), Status> {
+        let is_broken = matches!(error.code(), Code::Unavailable | Code::Unknown);
+        self.is_restart |= is_shutting_down(&error);
+        if !is_broken || self.made == if self.is_restart { ATTEMPTS_AT_RESTART } else { ATTEMPTS } {
+            return Err(error);
+        }
+        tokio::time::sleep(FIRST_PAUSE * 2u32.pow(self.made)).await;
+        self.made += 1;
+        Ok(())
+    }
+}
+
+/// Whether a server refuses new work, or stops a bake, because it shuts down: another one takes over.
+fn is_shutting_down(status: &Status) -> bool {
+    status.get_error_details().error_info().is_some_and(|info| info.reason == "SHUTTING_DOWN")
+}
 
 impl Connection {
     /// Connects, and checks that the server speaks this protocol version.
@@ -101,8 +132,19 @@ impl Connection {
         Ok(Connection { service })
     }
 
-    /// Uploads the contents that the server lacks. The keys are their SHA-256.
+    /// Uploads the contents that the server lacks. The keys are their SHA-256. If the server shuts down, this waits
+    /// for the next one.
     pub async fn upload(&mut self, contents: &BTreeMap<String, Bytes>) -> Result<(), Status> {
+        let mut attempts = Attempts::default();
+        loop {
+            match self.upload_once(contents).await {
+                Err(error) if attempts.is_restart || is_shutting_down(&error) => attempts.again(error).await?,
+                ended => return ended,
+            }
+        }
+    }
+
+    async fn upload_once(&mut self, contents: &BTreeMap<String, Bytes>) -> Result<(), Status> {
         let sha256 = contents.keys().cloned().collect();
         let missing = self.service.have_assets(HaveAssetsRequest { sha256 }).await?.into_inner().missing_sha256;
         for sha256 in missing {
@@ -121,7 +163,14 @@ impl Connection {
     /// Bakes, and passes on all events except frames, to the end. Returns the bake's id.
     pub async fn bake(&mut self, request: BakeRequest, on_event: impl FnMut(BakeEvent)) -> Result<String, Status> {
         let request = BakeRequest { frames: FrameSelection::None.into(), ..request };
-        let events = self.service.bake(request).await?.into_inner();
+        let mut attempts = Attempts::default();
+        let events = loop {
+            match self.service.bake(request.clone()).await {
+                Ok(events) => break events.into_inner(),
+                Err(error) if attempts.is_restart || is_shutting_down(&error) => attempts.again(error).await?,
+                Err(error) => return Err(error),
+            }
+        };
         let events = events.map(|response| response.map(|response| response.event));
         let ended = self.follow(Box::pin(events), String::new(), on_event).await;
         ended.map_err(|status| match status.code() {
@@ -151,7 +200,7 @@ impl Connection {
         mut id: String,
         mut on_event: impl FnMut(BakeEvent),
     ) -> Result<String, Status> {
-        let (mut last, mut attempts) = (0, 0);
+        let (mut last, mut attempts) = (0, Attempts::default());
         loop {
             let broken = match events.next().await {
                 None => return Ok(id),
@@ -161,29 +210,53 @@ impl Connection {
                         id.clone_from(&accepted.bake_id);
                     }
                     last = last.max(event.sequence_number);
-                    attempts = 0;
+                    attempts = Attempts::default();
                     on_event(event);
                     continue;
                 }
                 Some(Err(status)) => status,
             };
-            // A broken connection ends with one of these codes.
-            if id.is_empty() || !matches!(broken.code(), Code::Unavailable | Code::Unknown) {
+            if id.is_empty() {
                 return Err(broken);
             }
+            attempts.again(broken).await?;
             events = loop {
-                if attempts == ATTEMPTS {
-                    return Err(broken);
-                }
-                tokio::time::sleep(FIRST_PAUSE * 2u32.pow(attempts)).await;
-                attempts += 1;
                 match self.events_from(&id, last + 1).await {
                     Ok(events) => break events,
-                    Err(status) if matches!(status.code(), Code::Unavailable | Code::Unknown) => {}
-                    Err(status) => return Err(status),
+                    Err(status) => attempts.again(status).await?,
                 }
             };
         }
+    }
+
+    /// The plan of a bake whose files are there.
+    pub async fn plan(&mut self, spec: BakeSpec) -> Result<PlanBakeResponse, Status> {
+        Ok(self.service.plan_bake(PlanBakeRequest { spec: Some(spec) }).await?.into_inner())
+    }
+
+    /// The status of a bake.
+    pub async fn status(&mut self, id: &str) -> Result<BakeStatus, Status> {
+        let answer = self.service.get_bake(GetBakeRequest { bake_id: id.to_owned() }).await?.into_inner();
+        Ok(answer.bake.unwrap_or_default())
+    }
+
+    /// The latest bakes that a request selects, at most so many.
+    pub async fn list(&mut self, mut request: ListBakesRequest, most: usize) -> Result<Vec<BakeStatus>, Status> {
+        let mut bakes = Vec::new();
+        loop {
+            let page = self.service.list_bakes(request.clone()).await?.into_inner();
+            bakes.extend(page.bakes);
+            if page.next_page_token.is_empty() || bakes.len() >= most {
+                bakes.truncate(most);
+                return Ok(bakes);
+            }
+            request.page_token = page.next_page_token;
+        }
+    }
+
+    pub async fn delete(&mut self, id: &str) -> Result<(), Status> {
+        self.service.delete_bake(DeleteBakeRequest { bake_id: id.to_owned() }).await?;
+        Ok(())
     }
 
     pub async fn cancel(&mut self, id: &str) -> Result<(), Status> {
@@ -191,8 +264,18 @@ impl Connection {
         Ok(())
     }
 
-    /// A file of a finished bake.
+    /// A file of a finished bake. A broken transfer is repeated.
     pub async fn download(&mut self, id: &str, artifact: Artifact) -> Result<Vec<u8>, Status> {
+        let mut attempts = Attempts::default();
+        loop {
+            match self.download_once(id, artifact).await {
+                Ok(file) => return Ok(file),
+                Err(error) => attempts.again(error).await?,
+            }
+        }
+    }
+
+    async fn download_once(&mut self, id: &str, artifact: Artifact) -> Result<Vec<u8>, Status> {
         let request = DownloadResultRequest { bake_id: id.to_owned(), artifact: artifact.into() };
         let mut parts = self.service.download_result(request).await?.into_inner();
         let (mut file, mut announced) = (Vec::new(), None);

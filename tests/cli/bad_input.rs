@@ -199,5 +199,5 @@ fn more_memory_than_allowed() {
 fn a_mistyped_setting_of_the_server() {
     let desk = Desk::new();
     desk.write("server.toml", "worker = 2\n");
-    desk.line("serve --config server.toml").fails(2, &["server.toml", "Did you mean `workers`?"]);
+    desk.line("serve --config server.toml").fails(78, &["server.toml", "Did you mean `workers`?"]);
 }

@@ -145,6 +145,7 @@ fn a_result_is_its_scene() {
     assert_eq!((done.code, done.stdout.contains("changed.glb: DIFFERS")), (1, true), "{}", done.stdout);
     // A changed file is not accepted.
     std::fs::copy(desk.path("stick.glb"), desk.path("shot/models/cone.glb")).unwrap();
-    desk.line("bake pile.glb -o again.glb -q").fails(65, &["models/cone.glb is not here", "--assets"]);
+    desk.line("bake pile.glb -o again.glb -q")
+        .fails(65, &["models/cone.glb is not here with the content that was baked", "--assets"]);
     desk.line("verify stick.glb").fails(65, &["a mesh, not a scene file"]);
 }

@@ -24,13 +24,12 @@ struct Row {
     says: String,
     cause: String,
     remedy: String,
-    /// Command lines in the folder of [`shop`].
-    provoked: Option<String>,
-    #[serde(default)]
-    alike: Vec<String>,
-    /// Where another test provokes it, and words of that.
-    elsewhere: Option<String>,
-    words: Option<String>,
+    /// A command line in the folder of [`shop`] that prints it, and two that do not; with `test`, the names of that
+    /// test's cases.
+    provoked: String,
+    alike: [String; 2],
+    /// `FILE::FUNCTION`: what no command reaches is provoked there, as a state of the code that says it.
+    test: Option<String>,
 }
 
 fn root() -> &'static Path {
@@ -66,7 +65,9 @@ fn says(text: &str, message: &str) -> bool {
 fn each_message_has_the_cause_that_it_names() {
     let desk = shop();
     let rows = table();
-    let commands: BTreeSet<&String> = rows.iter().flat_map(|row| row.provoked.iter().chain(&row.alike)).collect();
+    let of_commands = || rows.iter().filter(|row| row.test.is_none());
+    let commands: BTreeSet<&String> =
+        of_commands().flat_map(|row| [&row.provoked].into_iter().chain(&row.alike)).collect();
     let number: BTreeMap<&String, usize> = commands.iter().enumerate().map(|(at, command)| (*command, at)).collect();
     let printed: BTreeMap<&String, String> = commands
         .par_iter()
@@ -78,37 +79,73 @@ fn each_message_has_the_cause_that_it_names() {
         })
         .collect();
     let mut wrong = Vec::new();
-    for row in &rows {
-        match (&row.provoked, &row.elsewhere, &row.words) {
-            (Some(command), None, None) => {
-                assert_eq!(row.alike.len(), 2, "{}", row.says);
-                if !says(&printed[command], &row.says) {
-                    wrong.push(format!("`{command}` does not print \"{}\":\n{}", row.says, printed[command]));
-                }
-                for alike in row.alike.iter().filter(|alike| says(&printed[alike], &row.says)) {
-                    wrong.push(format!("`{alike}` prints \"{}\":\n{}", row.says, printed[alike]));
-                }
-            }
-            (None, Some(file), Some(words)) => {
-                let text = std::fs::read_to_string(root().join(file)).unwrap_or_default();
-                if !text.contains(words.as_str()) {
-                    wrong.push(format!("{file} has no `{words}` for \"{}\"", row.says));
-                }
-            }
-            _ => wrong.push(format!("\"{}\" is provoked neither here nor elsewhere", row.says)),
+    for row in of_commands() {
+        let command = &row.provoked;
+        if !says(&printed[command], &row.says) {
+            wrong.push(format!("`{command}` does not print \"{}\":\n{}", row.says, printed[command]));
+        }
+        for alike in row.alike.iter().filter(|alike| says(&printed[alike], &row.says)) {
+            wrong.push(format!("`{alike}` prints \"{}\":\n{}", row.says, printed[alike]));
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// What no command reaches is a case of a test, whose words are the message's; two other cases have other words, or
+/// none. Those tests compare all that is said in a case.
+#[test]
+fn the_cases_of_other_tests_are_there() {
+    let mut wrong = Vec::new();
+    for row in table() {
+        let Some(test) = &row.test else { continue };
+        let (file, name) = test.split_once("::").expect("FILE::FUNCTION");
+        let text = std::fs::read_to_string(root().join(file)).unwrap_or_default();
+        let cases = cases(&text, name);
+        let said = |case: &String| cases.get(case).map(|words| words.iter().any(|words| has_words(words, &row.says)));
+        if said(&row.provoked) != Some(true) || row.alike.iter().any(|case| said(case) != Some(false)) {
+            wrong.push(format!("{test}: {:?}, {:?}: \"{}\"", row.provoked, row.alike, row.says));
+        }
+    }
+    assert!(wrong.is_empty(), "no such case, or other words:\n{}", wrong.join("\n"));
+}
+
+/// The cases of a test: texts that begin with "when", and the texts up to the next.
+fn cases(file: &str, test: &str) -> BTreeMap<String, Vec<String>> {
+    let mut cases = BTreeMap::<String, Vec<String>>::new();
+    let Some((before, body)) = file.split_once(&format!("fn {test}() {{\n")) else { return cases };
+    let (indent, is_test) = (before.len() - before.trim_end_matches(' ').len(), before.trim_end().ends_with("#[test]"));
+    let end = format!("\n{}}}\n", " ".repeat(indent));
+    let body = body.split_once(&end).map_or(body, |(body, _)| body);
+    let mut case = None;
+    for text in literals(body).into_iter().filter(|_| is_test) {
+        if text.starts_with("when ") {
+            case = Some(text.clone());
+            cases.insert(text, Vec::new());
+        } else if let Some(case) = &case {
+            cases.get_mut(case).expect("a case").push(text);
+        }
+    }
+    cases
+}
+
+/// Whether the words of a case are those of a message: they have one of its longer parts, or are a piece of one.
+fn has_words(words: &str, message: &str) -> bool {
+    let parts = fixed(message);
+    let longest = parts.iter().map(|part| part.len()).max().unwrap_or(0);
+    let long = parts.iter().filter(|part| part.len() >= SENTENCE.min(longest));
+    let mut known = long.map(|part| words.contains(part) || words.len() >= SENTENCE && part.contains(words));
+    known.any(|is_known| is_known)
+}
+
 /// Files whose sentences are messages of the table.
-const WRITERS: [&str; 15] = [
+const WRITERS: [&str; 16] = [
     "server/core/src/geometry/topology/holes.rs",
     "server/core/src/geometry/topology/repair.rs",
     "server/core/src/measure/mod.rs",
     "server/core/src/prepare/check.rs",
     "server/core/src/prepare/check/added.rs",
     "server/core/src/prepare/check/shell.rs",
+    "server/core/src/prepare/check/standing.rs",
     "server/core/src/prepare/extremes.rs",
     "server/core/src/prepare/plan.rs",
     "server/core/src/report/glue.rs",
@@ -119,23 +156,97 @@ const WRITERS: [&str; 15] = [
     "server/gltf/src/problem.rs",
     "server/gltf/src/triangulate.rs",
 ];
+/// Parts of messages that the table has by their other words.
+const VARIANTS: [&str; 9] = [
+    "dots of glue bridge gaps",
+    ", or fill.method = \"insert\",",
+    "raise fill.protrusion (it is",
+    "use more accuracy, or props of a simpler shape",
+    "primitives without positions",
+    "before it are broken, so it is not tried",
+    "which should be the positions",
+    "its meshes are hidden (KHR_node_visibility",
+    "but none of the nodes read",
+];
+/// Folders and files of the program. Of their sentences, one that begins with a small letter says what is wrong: it is
+/// in the table, or a test has its words. One that begins with a capital is the remedy beside it, or help.
+const PROGRAM: [&str; 9] = [
+    "server/src/batch",
+    "server/src/cli",
+    "server/src/client.rs",
+    "server/src/files.rs",
+    "server/src/job",
+    "server/src/scene_file",
+    "server/src/service",
+    "server/src/sheet",
+    "server/src/wire",
+];
+/// Sentences of these files that begin so are no messages to a user, or are known by something else than their words.
+const EXEMPT: [(&str, &str, &str); 34] = [
+    ("server/src/cli/check.rs", "", "a summary that was asked for"),
+    ("server/src/cli/cost.rs", "", "tables that were asked for"),
+    ("server/src/cli/doctor.rs", "", "the lines of the check of a machine"),
+    ("server/src/cli/plan.rs", "", "a table that was asked for"),
+    ("server/src/cli/progress.rs", "", "progress"),
+    ("server/src/cli/summary.rs", "", "a summary of what went well"),
+    ("server/src/cli/verify.rs", "", "verdicts that were asked for"),
+    ("server/src/cli/bounds.rs", "", "faults of the system, which no test can provoke on every machine"),
+    ("server/src/cli/batch/process_pool.rs", "it was stopped from outside", "a fault of the system"),
+    ("server/src/cli/bake.rs", "this pile was baked before", "what went well"),
+    ("server/src/cli/bake.rs", "the fill comes from the cache", "what went well"),
+    ("server/src/cli/bake.rs", "cancelled", "tests know an end by Ctrl-C by its exit code"),
+    ("server/src/cli/batch/mod.rs", "cancelled", "tests know an end by Ctrl-C by its exit code"),
+    ("server/src/cli/failure.rs", "cancelled", "tests know an end by Ctrl-C by its exit code"),
+    ("server/src/cli/bakes.rs", "the stream of its events has ended", "a server that breaks its own protocol"),
+    ("server/src/cli/remote.rs", "a link that leads out of the folder", "`a_model_behind_a_link_is_not_sent`"),
+    ("server/src/client.rs", "the value of `", "control characters, which no command line of a test has"),
+    ("server/src/client.rs", "the transfer of a file ended early", "`downloads_that_break_off`"),
+    ("server/src/files.rs", "not readable by this user", "tests may run as root, who reads everything"),
+    ("server/src/job/sources.rs", "it is not beside the file", "paths are checked before"),
+    ("server/src/service/calls", "", "a client knows a fault by its reason and field, which tests assert"),
+    ("server/src/service/codec.rs", "", "a client knows a fault by its reason and field, which tests assert"),
+    ("server/src/service/encryption.rs", "", "wrong settings, of which `certificates.rs` has some; lines of the log"),
+    ("server/src/service/jobs", "", "a client knows a fault by its reason, which tests assert"),
+    ("server/src/service/listen.rs", "this system has no Unix sockets", "another system"),
+    ("server/src/service/process.rs", "", "a client knows a fault by its reason, which tests assert"),
+    ("server/src/service/quotas.rs", "", "the reason of a panic"),
+    ("server/src/service/serve.rs", "the store cannot be read", "a fault of the system"),
+    ("server/src/service/status.rs", "", "a client knows a fault by its reason: `each_reason_of_a_fault_is_asserted`"),
+    ("server/src/service/store.rs", "", "a client knows a fault by its reason, which tests assert"),
+    ("server/src/service/worker.rs", "", "a client knows a fault by its reason and field, which tests assert"),
+    ("server/src/scene_file/mod.rs", "an unset field is left out", "the reason of a panic"),
+    ("server/src/sheet/picture.rs", "", "the reason of a panic"),
+    ("server/src/wire/parameters.rs", "", "the reason of a panic"),
+];
+
+/// Characters of a text that is a sentence, not a word within one.
+const SENTENCE: usize = 24;
+/// Characters of a part of a message that belongs to no other.
+const WORDS: usize = 12;
+
+/// The fixed parts of a text of the program that are long enough to know it by.
+fn sentences(literal: &str) -> Vec<&str> {
+    let parts = literal.split(['{', '}']).step_by(2).map(|part| part.trim_matches([' ', ':', ';', '.', ',']));
+    parts.filter(|part| part.len() >= SENTENCE).collect()
+}
+
+/// Whether a text is known by some words.
+fn is_known(parts: &[&str], words: &[&str]) -> bool {
+    let has = |part: &&str| words.iter().any(|word| word.contains(part) || word.len() >= WORDS && part.contains(word));
+    parts.iter().any(has)
+}
 
 /// A new message needs a row.
 #[test]
 fn no_message_is_missing_in_the_table() {
-    /// Characters of a text that is a sentence, not a word within one.
-    const SENTENCE: usize = 24;
     let rows = table();
     let known: Vec<&str> = rows.iter().flat_map(|row| fixed(&row.says)).collect();
     let mut missing = Vec::new();
     for file in WRITERS {
-        let text = std::fs::read_to_string(root().join(file)).unwrap();
-        let code = text.split("#[cfg(test)]").next().unwrap();
-        for literal in literals(code) {
-            let parts = literal.split(['{', '}']).step_by(2).map(|part| part.trim_matches([' ', ':', ';', '.', ',']));
-            let parts: Vec<&str> = parts.filter(|part| part.len() >= SENTENCE).collect();
-            let is_known = |part: &&str| known.iter().any(|known| known.contains(part) || part.contains(known));
-            if !parts.is_empty() && !parts.iter().any(is_known) {
+        for literal in literals(&code(&root().join(file))) {
+            let parts = sentences(&literal);
+            let is_variant = VARIANTS.iter().any(|variant| literal.contains(variant));
+            if !parts.is_empty() && !is_variant && !is_known(&parts, &known) {
                 missing.push(format!("{file}: {literal:?}"));
             }
         }
@@ -143,14 +254,88 @@ fn no_message_is_missing_in_the_table() {
     assert!(missing.is_empty(), "no row of messages.toml has:\n{}", missing.join("\n"));
 }
 
+/// The command line's own, and the service's.
+#[test]
+fn each_message_of_the_program_is_provoked_somewhere() {
+    let rows = table();
+    let tests: Vec<String> =
+        ["tests", "server"].iter().flat_map(|top| files(&root().join(top))).flat_map(tested).collect();
+    let known: Vec<&str> =
+        rows.iter().flat_map(|row| fixed(&row.says)).chain(tests.iter().map(String::as_str)).collect();
+    let mut missing = Vec::new();
+    for file in PROGRAM.iter().flat_map(|top| files(&root().join(top))) {
+        let name = file.strip_prefix(root()).unwrap().to_string_lossy().replace('\\', "/");
+        let is_exempt =
+            |text: &str| EXEMPT.iter().any(|(file, begin, _)| name.starts_with(file) && text.starts_with(begin));
+        for literal in literals(&code(&file)) {
+            let parts: Vec<&str> = sentences(&literal).into_iter().filter(|part| part.contains(' ')).collect();
+            let is_fault = literal.trim_start_matches(['{', '}', ':', ' ']).starts_with(char::is_lowercase);
+            if is_fault && !is_exempt(&literal) && !parts.is_empty() && !is_known(&parts, &known) {
+                missing.push(format!("{name}: {literal:?}"));
+            }
+        }
+    }
+    assert!(missing.is_empty(), "neither a row of messages.toml nor a test has:\n{}", missing.join("\n"));
+}
+
+/// A client knows the faults of the service by these.
+#[test]
+fn each_reason_of_a_fault_is_asserted() {
+    let is_reason = |text: &String| text.len() > 5 && text.chars().all(|c| c.is_ascii_uppercase() || c == '_');
+    let reasons: Vec<String> =
+        literals(&code(&root().join("server/src/service/status.rs"))).into_iter().filter(is_reason).collect();
+    let tops = ["tests/service", "server/src/service"];
+    let tests: Vec<String> = tops.iter().flat_map(|top| files(&root().join(top))).flat_map(tested).collect();
+    assert!(reasons.len() > 20, "{reasons:?}");
+    let missing: Vec<&String> = reasons.iter().filter(|reason| !tests.contains(reason)).collect();
+    assert!(missing.is_empty(), "no test has {missing:?}");
+}
+
+/// Rust files of a folder and all below it, or the file itself.
+fn files(top: &Path) -> Vec<std::path::PathBuf> {
+    if top.is_file() {
+        return vec![top.to_owned()];
+    }
+    let entries = std::fs::read_dir(top).unwrap().map(|entry| entry.unwrap().path());
+    let inside = entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] });
+    inside.filter(|path| path.extension().is_some_and(|extension| extension == "rs")).collect()
+}
+
+/// The program's part of a file: no tests, no reasons of a panic and no lines of a log.
+fn code(file: &Path) -> String {
+    let text = std::fs::read_to_string(file).unwrap();
+    let code = text.split("#[cfg(test)]").next().unwrap();
+    let is_message = |line: &&str| {
+        let begin = line.trim_start();
+        !["//", "assert", "info!", "warn!", "error!", "describe_", ".expect("]
+            .iter()
+            .any(|start| begin.starts_with(start))
+    };
+    let lines: Vec<String> = code.lines().filter(is_message).map(without_log).collect();
+    lines.join("\n")
+}
+
+/// A line without the reason of a panic, or what is logged.
+fn without_log(line: &str) -> String {
+    let marks = [".expect(\"", "unreachable!(", "info!(", "warn!(", "error!("];
+    let begins = marks.iter().filter_map(|mark| line.find(mark));
+    begins.min().map_or(line, |at| &line[..at]).to_owned()
+}
+
+/// The texts of a test's file, or of the tests in a file of the program.
+fn tested(file: std::path::PathBuf) -> Vec<String> {
+    let text = std::fs::read_to_string(&file).unwrap();
+    let is_test = file.starts_with(root().join("tests")) || file.components().any(|part| part.as_os_str() == "tests");
+    let tests = if is_test { Some(&*text) } else { text.split_once("#[cfg(test)]").map(|(_, tests)| tests) };
+    tests.map(literals).unwrap_or_default().iter().map(|text| text.trim().to_owned()).collect()
+}
+
 /// The texts in a program's code, lines joined.
 fn literals(code: &str) -> Vec<String> {
     let mut found = Vec::new();
-    let without_comments: Vec<&str> = code
-        .lines()
-        .filter(|line| !line.trim_start().starts_with("//") && !line.trim_start().starts_with("assert"))
-        .collect();
-    let code = without_comments.join("\n");
+    let without_comments: Vec<&str> = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    // A quote as a character begins no text.
+    let code = without_comments.join("\n").replace("'\"'", "' '").replace("'\\\"'", "' '");
     let mut rest = code.as_str();
     while let Some(at) = rest.find('"') {
         let mut literal = String::new();
@@ -168,6 +353,7 @@ fn literals(code: &str) -> Vec<String> {
                         let blank = tail.chars().take_while(|c| c.is_whitespace()).count();
                         chars.by_ref().take(blank).for_each(|_| ());
                     }
+                    Some((_, 'n')) => literal.push('\n'),
                     Some((_, other)) => literal.push(other),
                     None => {}
                 },
@@ -320,6 +506,18 @@ fn shop() -> Desk {
             accessor.as_object_mut().unwrap().remove("bufferView");
         });
     });
+    let mut restarted = data.clone();
+    restarted[96..98].copy_from_slice(&u16::MAX.to_le_bytes());
+    let as_strip = changed(|json| json["meshes"][0]["primitives"][0]["mode"] = json!(5));
+    desk.write("strip.glb", glb(&as_strip, &restarted));
+    file("sparse.glb", &|json| {
+        let places = json!({ "bufferView": 1, "componentType": 5123 });
+        json["accessors"][0]["sparse"] = json!({ "count": 9, "indices": places, "values": { "bufferView": 0 } });
+    });
+    file("faulty.glb", &|json| {
+        json["nodes"] = json!((0..90).map(|i| json!({ "mesh": 7 + i })).collect::<Vec<_>>());
+        json["scenes"][0]["nodes"] = json!((0..90).collect::<Vec<_>>());
+    });
     file("few.glb", &|json| json["accessors"][0]["count"] = json!(4));
     let mut nan = data.clone();
     nan[0..4].copy_from_slice(&f32::NAN.to_le_bytes());
@@ -350,6 +548,21 @@ fn shop() -> Desk {
     let mut needles = data.clone();
     needles[98..100].copy_from_slice(&0_u16.to_le_bytes());
     desk.write("needles.glb", glb(&box_json(), &needles));
+    // What is no file, or none to be changed.
+    for folder in ["folder.glb", "results"] {
+        std::fs::create_dir(desk.path(folder)).unwrap();
+    }
+    desk.write("results/1.glb", &whole);
+    let figures = json!({ "output_blake3": "0", "measures": {}, "warnings": [], "bodies": 1 });
+    desk.write("results/1.report.json", figures.to_string());
+    std::fs::File::create(desk.path("huge.glb")).unwrap().set_len((1 << 30) + 1).unwrap();
+    desk.write("blank.txt", "\n");
+    desk.write("locked.json", "{}");
+    let mut locked = std::fs::metadata(desk.path("locked.json")).unwrap().permissions();
+    locked.set_readonly(true);
+    std::fs::set_permissions(desk.path("locked.json"), locked).unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(root().join("examples/assets/cone-small.glb"), desk.path("linked.glb")).unwrap();
     // What a result leaves out.
     let pictured = |json: &mut Value, uri: &str| {
         json["meshes"][0]["primitives"][0]["material"] = json!(0);
@@ -431,6 +644,7 @@ fn shop() -> Desk {
     for (name, body) in [
         ("placed.toml", "position = [9, 0.2, 0]"),
         ("placed-wrong.toml", "prop = '5'\nposition = [9, 0.2, 0]"),
+        ("flat-place.toml", "position = [9, 0.2]"),
         ("unrotated.toml", "position = [9, 0.2, 0]\nrotation = [0, 0, 0, 0]"),
         ("kept.toml", "position = [9, 0.2, 0]\nkept = true\nkept_until_seconds = 2"),
         ("kept-thrown.toml", "position = [9, 0.2, 0]\nkept = true\nvelocity = [1, 0, 0]"),
@@ -448,6 +662,11 @@ fn shop() -> Desk {
     ] {
         scene(name, &format!("[[emitters]]\n{emitter}\nrate = 5\ncount = 2\n"));
     }
+    desk.write(
+        "named-twice.toml",
+        "control_mesh = 'cone.glb'\nprops = ['stick.glb', 'stick.glb']\n\
+         [[bodies]]\nprop = 'stick'\nposition = [9, 0, 0]\n",
+    );
     scene("keys.toml", "[[statics]]\npath = 'brick.glb'\nkeyframes = [{ frame = 2 }, { frame = 1 }]\n");
     desk
 }

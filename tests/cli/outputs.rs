@@ -38,15 +38,25 @@ fn places_where_no_file_can_be() {
 fn disks_without_room_are_known_before_the_bake() {
     let desk = Desk::new();
     let before = desk.files();
-    for (faults, words) in [
+    for (faults, line, words) in [
         (
             "output-room=return(ENOSPC)",
-            &["pile.glb: the result will take about 1 MiB", "0 MiB left", "Make room there"][..],
+            "bake -o pile.glb",
+            &["pile.glb: up to 1 MiB will be written", "0 MiB left", "Make room there"][..],
         ),
-        ("output-folder=return(EROFS)", &["nothing can be written in .: ", "Choose another folder"]),
+        (
+            "output-room=return(ENOSPC)",
+            "batch --seeds 0..19 -o {seed}.glb",
+            &["0.glb: up to ", " MiB will be written", "0 MiB left", "Make room there"],
+        ),
+        (
+            "output-folder=return(EROFS)",
+            "bake -o pile.glb",
+            &["nothing can be written in .: ", "Choose another folder"],
+        ),
     ] {
-        let mut command = desk.command(&["bake", "--progress", "json", "-o", "pile.glb"]);
-        command.args(SCENE.split_whitespace()).env("FAILPOINTS", faults);
+        let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
+        command.args(SCENE.split_whitespace()).args(["--progress", "json"]).env("FAILPOINTS", faults);
         let done = Done::of(command.output().unwrap());
         assert_eq!(done.code, 65, "{}", done.stderr);
         assert!(words.iter().all(|word| done.stderr.contains(word)), "{}", done.stderr);

@@ -102,3 +102,56 @@ fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
     assert!(fewer["estimates"][4]["cpu_seconds"].as_f64().unwrap() < seconds(4));
     desk.line("plan --control cone.glb --prop stik.glb").fails(65, &["stick.glb"]);
 }
+
+/// With `--progress json`, each line on stderr is an object: progress, notes, the result, and errors, those of the
+/// command line included. `-q` keeps errors.
+#[test]
+fn json_lines_are_all_there_is() {
+    let desk = Desk::new();
+    let scene = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=3 --set output.frames=4";
+    for (line, code, key) in [
+        (format!("bake {scene} -o pile.glb --progress json"), 0, "result"),
+        (format!("bake {scene} -o pile.glb --progress json --set control=off --set glue.breaking=9"), 0, "warning"),
+        ("bake --control gone.glb --prop stick.glb -o pile.glb --progress json".into(), 65, "error"),
+        ("bake --control gone.glb --prop stick.glb -o pile.glb --progress json -q".into(), 65, "error"),
+        ("bake --nonsense -o pile.glb --progress=json".into(), 2, "error"),
+        (format!("batch {scene} --seeds 1..2 -o {{seed:02}}.glb --progress json --json"), 0, "fraction"),
+        ("batch --control gone.glb --prop stick.glb -o {seed}.glb --progress json".into(), 65, "error"),
+        ("verify pile.glb --progress json --json".into(), 0, "stage"),
+    ] {
+        let done = desk.line(&line);
+        assert_eq!(done.code, code, "{line}: {}", done.stderr);
+        let parsed = |line: &str| serde_json::from_str::<serde_json::Value>(line);
+        let lines: Vec<serde_json::Value> =
+            done.stderr.lines().map(|one| parsed(one).unwrap_or_else(|_| panic!("{line}: {one}"))).collect();
+        assert!(lines.iter().any(|object| object.get(key).is_some()), "{line}: {}", done.stderr);
+        if line.ends_with("--json") {
+            parsed(&done.stdout).unwrap();
+        }
+    }
+    assert!(desk.path("01.glb").exists() && desk.path("02.glb").exists());
+    let ranking = desk.line("rank . --no-sheet --json").ok();
+    let ranking: Vec<serde_json::Value> = serde_json::from_str(&ranking).unwrap();
+    assert!(ranking.len() == 2 && ranking[0]["place"] == 1 && ranking[0]["figures"]["bodies"] == 3.0, "{ranking:?}");
+}
+
+/// A scene on the standard input.
+#[test]
+fn a_scene_comes_from_a_pipe() {
+    use std::io::Write;
+    let desk = Desk::new();
+    for (scene, code) in [
+        ("control_mesh = 'cone.glb'\nprops = ['stick.glb']\n", 0),
+        (" { \"control_mesh\": \"cone.glb\", \"props\": [\"stick.glb\"] }", 0),
+        ("control_mesh = 'cone.glb'\nprosp = ['stick.glb']\n", 65),
+    ] {
+        let mut command = desk.command(&["check", "-"]);
+        let mut child =
+            command.stdin(std::process::Stdio::piped()).stderr(std::process::Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(scene.as_bytes()).unwrap();
+        let done = child.wait_with_output().unwrap();
+        let errors = String::from_utf8(done.stderr).unwrap();
+        assert_eq!(done.status.code(), Some(code), "{errors}");
+        assert!(code == 0 || errors.contains("stdin.toml:2: unknown field `prosp`"), "{errors}");
+    }
+}

@@ -34,7 +34,7 @@ def main(program):
         allow_job_template_dir_walk_up=True,
     )
     job = create_job(job_template=template, job_parameter_values=parameters)
-    assert [step.name for step in job.steps] == ["Bake"]
+    assert [step.name for step in job.steps] == ["Bake", "Rank", "Verify"]
     assert all(parameter.userInterface for parameter in template.parameterDefinitions)
     kinds = {parameter.name: parameter for parameter in template.parameterDefinitions}
     assert kinds["Scenes"].dataFlow.name == "IN" and kinds["Output"].dataFlow.name == "OUT"

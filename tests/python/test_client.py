@@ -70,6 +70,25 @@ def test_a_plan_tells_what_it_would_cost(address):
     assert cairn.Client(address).info().protocol_version == 1
 
 
+def test_bakes_are_listed_and_deleted(address):
+    client = cairn.Client(address)
+    bake = client.bake(SCENE, seed=11, labels={"shot": "A010.v2: Höhle"})
+    bake.result()
+    found = list(client.list(labels={"shot": "A010.v2: Höhle"}, states=["succeeded"]))
+    assert [one.bake_id for one in found] == [bake.id]
+    assert bake.id in [one.bake_id for one in client.list()] and not list(client.list(owner="nobody"))
+    status = client.get(bake.id[:10])
+    assert status.bake_id == bake.id and status.summary.body_count == bake.summary.body_count
+    client.delete(bake.id)
+    with pytest.raises(cairn.Fault) as fault:
+        client.get(bake.id)
+    assert fault.value.reason == "BAKE_NOT_FOUND"
+    with pytest.raises(cairn.Fault, match="no state"):
+        list(client.list(states=["done"]))
+    with pytest.raises(cairn.Fault, match=r"none\.pem"):
+        cairn.Client("127.0.0.1:1", identity=("none.pem", "none.key")).info()
+
+
 def test_everything_wrong_is_told_at_once(address):
     with pytest.raises(cairn.Fault) as fault:
         cairn.read({"control_mesh": "none.glb", "props": ["nothing.glb"]})

@@ -55,12 +55,12 @@ fn no_open_port_beyond_this_machine() {
         (done.status.code(), String::from_utf8(done.stderr).unwrap())
     };
     let (code, message) = run(&["--listen", "0.0.0.0:0"]);
-    assert_eq!(code, Some(2));
+    assert_eq!(code, Some(78));
     assert!(message.contains("no token protects the server") && message.contains("--token-file"), "{message}");
     let (code, message) = run(&["--listen", "nowhere", "--listen", "127.0.0.1:99999"]);
-    assert!(code == Some(2) && message.contains("nowhere") && message.contains("99999"), "{message}");
+    assert!(code == Some(78) && message.contains("nowhere") && message.contains("99999"), "{message}");
     let (code, message) = run(&["--tls-key", "gone.pem", "--token-file", "gone"]);
-    assert!(code == Some(2) && message.contains("gone.pem") && message.contains("token_file"), "{message}");
+    assert!(code == Some(78) && message.contains("gone.pem") && message.contains("token_file"), "{message}");
     assert!(message.contains("only one of certificate and key is given"), "{message}");
     assert!(!folder.path().join("data").exists(), "nothing is made before all is right");
 }
@@ -133,20 +133,37 @@ async fn settings_from_file_environment_and_flags() {
     drop(server);
 
     std::fs::write(&file, "workres = 5\n").unwrap();
-    let run = |name: &str, value: &str| {
+    let run = |name: &str, value: &str, code: i32| {
         let done = command(folder.path()).env(name, value).args(["--listen", "127.0.0.1:0"]).output().unwrap();
-        assert_eq!(done.status.code(), Some(2));
+        assert_eq!(done.status.code(), Some(code));
         String::from_utf8(done.stderr).unwrap()
     };
-    let message = run("CAIRN_CONFIG", "cairn.toml");
+    let message = run("CAIRN_CONFIG", "cairn.toml", 78);
     assert!(message.contains("workres") && message.contains("cairn.toml"), "{message}");
-    assert!(run("CAIRN_WORKERS", "many").contains("many"));
+    assert!(run("CAIRN_WORKERS", "many", 2).contains("many"));
 }
 
 #[tokio::test]
 async fn metrics_tell_of_bakes() {
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
     let server = Server::start(&["--metrics", &port.to_string(), "--log", "json"]);
+    // All are there from the start, and documented.
+    let begin = get(&port.to_string());
+    let names: std::collections::BTreeSet<&str> =
+        begin.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split(' ').next()).collect();
+    let guide = std::fs::read_to_string(format!("{}/examples/guide/server.md", env!("CARGO_MANIFEST_DIR"))).unwrap();
+    let documented: std::collections::BTreeSet<&str> = guide
+        .lines()
+        .filter_map(|line| line.strip_prefix("| `cairn_"))
+        .map(|line| line.split('`').next().unwrap())
+        .collect();
+    let short_names: std::collections::BTreeSet<&str> = names.iter().map(|name| &name["cairn_".len()..]).collect();
+    assert_eq!(short_names, documented);
+    for line in
+        ["cairn_bakes_total{outcome=\"failed\"} 0", "cairn_bake_seconds_bucket{le=\"+Inf\"} 0", "cairn_build_info{"]
+    {
+        assert!(begin.contains(line), "{begin}");
+    }
     let mut connection = server.ready().await;
     let (message, end) = events(connection.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
@@ -154,8 +171,7 @@ async fn metrics_tell_of_bakes() {
     for line in ["cairn_bakes_total{outcome=\"succeeded\"} 1", "cairn_bodies_total 12", "cairn_bakes_running 0"] {
         assert!(metrics.contains(line), "{metrics}");
     }
-    for name in ["cairn_solves_total", "cairn_stage_cpu_seconds_total{stage=\"fill\"}", "cairn_bake_peak_memory_bytes"]
-    {
+    for name in ["cairn_stage_cpu_milliseconds_total{stage=\"fill\"} ", "cairn_bake_seconds_count 1"] {
         assert!(metrics.contains(name), "{metrics}");
     }
     // Each line about the bake carries its id.
@@ -179,10 +195,52 @@ async fn refused_calls_are_counted() {
     assert!(metrics.contains("cairn_calls_refused_total{reason=\"token\"} 3"), "{metrics}");
 }
 
-/// The body of an HTTP page.
+/// Whether the server lives and takes work, also while it shuts down.
+#[tokio::test]
+async fn probes_say_whether_it_takes_work() {
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let mut server = Server::start(&["--metrics", &port, "--drain-seconds", "60"]);
+    let is = |path: &str, status: u16| page(&port, path).starts_with(&format!("HTTP/1.1 {status}"));
+    while !is("/readyz", 200) {
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    assert!(is("/livez", 200) && is("/", 404) && is("/metricsx", 404));
+    assert!(server.log().contains("starting") && server.log().contains("workers="), "{}", server.log());
+    let mut connection = server.ready().await;
+    let id = begin(&mut connection, crate::server::endless(1)).await;
+    server.signal("-TERM");
+    while !is("/readyz", 503) {
+        tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+    }
+    assert!(is("/livez", 200) && is("/metrics", 200));
+    connection.cancel(&id).await.unwrap();
+    drop(connection);
+    assert_eq!(server.wait(), Some(0));
+}
+
+/// A port and a folder in use have exit codes of their own, as wrong settings have.
+#[test]
+fn what_is_in_use_has_an_exit_code_of_its_own() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    for args in [["--listen", &address, "--metrics", "127.0.0.1:0"], ["--listen", "127.0.0.1:0", "--metrics", &address]]
+    {
+        let folder = tempfile::tempdir().unwrap();
+        let done = command(folder.path()).args(args).output().unwrap();
+        let message = String::from_utf8(done.stderr).unwrap();
+        assert!(done.status.code() == Some(69) && message.contains("Choose a free port"), "{message}");
+    }
+}
+
+/// The metrics.
 fn get(address: &str) -> String {
+    page(address, "/metrics")
+}
+
+/// An HTTP page, with its head.
+fn page(address: &str, path: &str) -> String {
     let mut stream = std::net::TcpStream::connect(address).unwrap();
-    write!(stream, "GET /metrics HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
+    write!(stream, "GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n").unwrap();
     let mut text = String::new();
     stream.read_to_string(&mut text).unwrap();
     text

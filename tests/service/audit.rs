@@ -3,7 +3,7 @@
 use crate::callers::until_logged;
 use crate::server::{Server, accepted_id, begin, endless, events, request, short};
 use cairn::client::{Connection, Target};
-use cairn::wire::proto::ListBakesRequest;
+use cairn::wire::proto::PlanBakeRequest;
 use tonic::Code;
 
 /// The line of a stream has its final status and its bake.
@@ -21,7 +21,7 @@ async fn a_stream_is_told_with_its_end() {
     assert_eq!(end.unwrap_err().code(), Code::DeadlineExceeded);
     until_logged(&server, &format!("call=\"Bake\" status=\"4\" bake=\"{}\"", accepted_id(&answer))).await;
     assert!(connection.watch("nothing", |_| {}).await.is_err());
-    until_logged(&server, "call=\"WatchBake\" status=\"5\" bake=\"nothing\"").await;
+    until_logged(&server, "call=\"WatchBake\" status=\"3\" bake=\"nothing\"").await;
 }
 
 /// A caller that goes away has cancelled its call, not the bake.
@@ -50,8 +50,8 @@ async fn refused_calls_are_told() {
     connection.upload(&files).await.unwrap();
     begin(&mut connection, endless(1)).await;
     server.signal("-TERM");
-    while connection.service.list_bakes(ListBakesRequest::default()).await.is_ok() {
+    while connection.service.plan_bake(PlanBakeRequest { spec: Some(short(1)) }).await.is_ok() {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
-    until_logged(&server, "caller=\"127.0.0.1\" call=\"ListBakes\" status=\"14\"").await;
+    until_logged(&server, "caller=\"127.0.0.1\" call=\"PlanBake\" status=\"14\"").await;
 }

@@ -273,7 +273,7 @@ async fn bakes_are_listed_and_deleted() {
     assert!(server.children().is_empty() && !server.path("data/bakes").join(&id).exists());
     for name in ["../../log", "", "..", "x"] {
         let error = connection.service.delete_bake(delete(name)).await.unwrap_err();
-        assert_fault(&error, Code::NotFound, "BAKE_NOT_FOUND");
+        assert_fault(&error, Code::InvalidArgument, "REQUEST_INVALID");
     }
 }
 
@@ -328,12 +328,27 @@ async fn requests_of_the_wrong_form() {
     assert_eq!(found, ["spec.assets[1].sha256", "spec.assets[2].sha256"]);
 
     for list in [
+        ListBakesRequest { states: vec![99], ..Default::default() },
         ListBakesRequest { page_size: -1, ..Default::default() },
         ListBakesRequest { page_token: "nonsense".into(), ..Default::default() },
     ] {
         assert_fault(&service.list_bakes(list).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
     }
     service.list_bakes(ListBakesRequest { page_size: 100_000, ..Default::default() }).await.unwrap();
+    // A token goes with its filter, and an id has a form.
+    for seed in 1..=2 {
+        crate::server::begin(&mut server.connect().await, short(seed)).await;
+    }
+    let first = ListBakesRequest { page_size: 1, ..Default::default() };
+    let page_token = service.list_bakes(first.clone()).await.unwrap().into_inner().next_page_token;
+    service.list_bakes(ListBakesRequest { page_token: page_token.clone(), ..first.clone() }).await.unwrap();
+    let other = ListBakesRequest { page_token, states: vec![3], ..first };
+    let refused = service.list_bakes(other).await.unwrap_err();
+    assert_eq!(fields(&assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID")), ["page_token"]);
+    for bake_id in ["", "12345", "nonsense", &"0".repeat(65), &"A".repeat(64)] {
+        let refused = service.get_bake(GetBakeRequest { bake_id: bake_id.into() }).await.unwrap_err();
+        assert_eq!(fields(&assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID")), ["bake_id"]);
+    }
     let watch = WatchBakeRequest { bake_id: "0".repeat(64), from_sequence_number: -1, ..Default::default() };
     assert_fault(&service.watch_bake(watch).await.unwrap_err(), Code::InvalidArgument, "REQUEST_INVALID");
 }

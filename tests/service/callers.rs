@@ -87,6 +87,59 @@ async fn rights_limits_and_labels() {
     until_logged(&server, "caller=\"ben\" call=\"CancelBake\" status=\"7\"").await;
 }
 
+/// Two callers want one bake: each has its own labels of it, and who withdraws takes nothing from the other.
+#[tokio::test]
+async fn a_bake_belongs_to_all_who_want_it() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("callers.toml"), CALLERS).unwrap();
+    let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml", "--workers", "1"]);
+    let (mut anna, mut ben) = (known(&server, "anna").await, known(&server, "ben").await);
+    let mut farm = known(&server, "the farm").await;
+    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
+    anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
+    let labelled =
+        |shot: &str, spec| BakeRequest { labels: [("shot".to_owned(), shot.to_owned())].into(), ..request(spec) };
+    let id = begin(&mut anna, labelled("A010.v2: Höhle", endless(1))).await;
+    assert_eq!(begin(&mut ben, labelled("b7", endless(1))).await, id);
+    let list = |owner: &str, shot: &str| ListBakesRequest {
+        owner: owner.into(),
+        labels: [("shot".to_owned(), shot.to_owned())].into(),
+        ..Default::default()
+    };
+    for found in [list("anna", "A010.v2: Höhle"), list("ben", "b7")] {
+        assert_eq!(ids(&mut farm, found).await, [id.as_str()]);
+    }
+    assert!(ids(&mut farm, list("", "b8")).await.is_empty());
+
+    // She withdraws, by the beginning of the id; it goes on for him, and ends with him.
+    let cancel = |id: &str| CancelBakeRequest { bake_id: id.into() };
+    let left = anna.service.cancel_bake(cancel(&id[..8])).await.unwrap().into_inner().bake.unwrap();
+    assert!(left.state() == BakeState::Running || left.state() == BakeState::Queued, "{left:?}");
+    assert_eq!(left.callers.iter().map(|caller| &*caller.name).collect::<Vec<_>>(), ["ben"]);
+    let ended = ben.service.cancel_bake(cancel(&id)).await.unwrap().into_inner().bake.unwrap();
+    assert_eq!(ended.state(), BakeState::Cancelled);
+
+    // An operator ends it for all.
+    let id = begin(&mut anna, request(endless(2))).await;
+    begin(&mut ben, request(endless(2))).await;
+    let ended = farm.service.cancel_bake(cancel(&id)).await.unwrap().into_inner().bake.unwrap();
+    assert_eq!(ended.state(), BakeState::Cancelled);
+
+    // The message says which part of a label is at fault.
+    for (name, value, words) in [
+        ("Shot", "1", "does not begin with a letter from a to z"),
+        ("shot 1", "1", "other characters than"),
+        ("shot", "a\nb", "its value has control characters"),
+        ("shot", &"x".repeat(256), "its value has 256 bytes; give 255 at most"),
+        (&"x".repeat(64), "1", "its name has 64 characters; give 63 at most"),
+    ] {
+        let labels = [(name.to_owned(), value.to_owned())].into();
+        let refused = ben.service.bake(BakeRequest { labels, ..request(short(1)) }).await.unwrap_err();
+        let details = assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID");
+        assert!(details.bad_request().unwrap().field_violations[0].description.contains(words), "{refused:?}");
+    }
+}
+
 /// A call's log line appears a moment after its answer.
 pub async fn until_logged(server: &Server, words: &str) {
     for _ in 0..1000 {
@@ -142,13 +195,17 @@ fn a_wrong_file_of_callers_is_told() {
     let folder = tempfile::tempdir().unwrap();
     for (text, words) in [
         ("[[caller]]\nname = 'a'\n", "neither a token nor a certificate"),
-        ("[[caller]]\nname = 'a'\ntoken = 'x'\n[[caller]]\nname = 'a'\ntoken = 'x'\n", "the same token"),
+        (
+            "[[caller]]\nname = 'a'\ntoken = 'x'\n[[caller]]\nname = 'a'\ntoken = 'x'\n",
+            "another caller has the same token",
+        ),
+        ("[[caller]]\nname = ''\ntoken = 'x'\n", "the name is empty or used twice"),
         ("[[caller]]\nname = 'a'\nrole = 'king'\n", "callers.toml:3"),
         ("caller = []\n", "there is no caller"),
     ] {
         std::fs::write(folder.path().join("callers.toml"), text).unwrap();
         let done = command(folder.path()).args(["--callers-file", "callers.toml"]).output().unwrap();
         let said = String::from_utf8(done.stderr).unwrap();
-        assert!(done.status.code() == Some(2) && said.contains(words), "{said}");
+        assert!(done.status.code() == Some(78) && said.contains(words), "{said}");
     }
 }

@@ -138,11 +138,11 @@ async fn certificates_are_checked_and_read_again() {
     let tls = ["--tls-certificate", "cert.pem", "--tls-key", "key.pem"];
     let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).args(tls).output().unwrap();
     let message = String::from_utf8(done.stderr).unwrap();
-    assert!(done.status.code() == Some(2) && message.contains("key.pem: not the key of cert.pem"), "{message}");
+    assert!(done.status.code() == Some(78) && message.contains("key.pem: not the key of cert.pem"), "{message}");
     assert!(done.stdout.is_empty() && !message.contains("listening"), "{message}");
     write("cert.pem", "no certificate");
     let done = command(folder.path()).args(["--listen", "127.0.0.1:0"]).args(tls).output().unwrap();
-    assert_eq!(done.status.code(), Some(2));
+    assert_eq!(done.status.code(), Some(78));
 
     let key = KeyPair::generate().unwrap();
     let mut old = CertificateParams::new(vec!["localhost".into()]).unwrap();

@@ -54,7 +54,9 @@ fn what_the_server_refuses_has_the_exit_codes_of_a_bake() {
     let (code, printed) = run(format!("bake {SCENE} --prop stik.glb -o far.glb --server {far}"));
     assert!(code == 65 && printed.contains("Did you mean stick.glb?"), "{printed}");
     let (code, printed) = run(format!("watch nothing --server {far}"));
-    assert!(code == 2 && printed.contains("nothing"), "{printed}");
+    assert!(code == 65 && printed.contains("not the id of a bake"), "{printed}");
+    let (code, printed) = run(format!("watch 0123456789 --server {far}"));
+    assert!(code == 2 && printed.contains("0123456789"), "{printed}");
     let (code, printed) = run(format!("bake {SCENE} -o far.glb --server 127.0.0.1:9"));
     assert!(code == 75 && printed.contains("127.0.0.1:9"), "{printed}");
     assert!(!server.path("far.glb").exists());
@@ -210,7 +212,7 @@ async fn labels_and_priority() {
     let bakes = connection.service.list_bakes(list).await.unwrap().into_inner().bakes;
     assert_eq!(bakes.iter().map(|bake| bake.priority).collect::<Vec<_>>(), [-5]);
     for (rest, expected, words) in [
-        (format!("{far} --label Shot=1"), 65, "names begin with a letter"),
+        (format!("{far} --label Shot=1"), 65, "its name does not begin with a letter"),
         (format!("{far} --label shot"), 2, "KEY=VALUE"),
         (format!("{far} --priority 101"), 2, "101"),
         ("--label shot=a010".to_owned(), 2, "--server"),
@@ -258,7 +260,8 @@ fn pictures_are_sent_and_missing_ones_reported() {
         let done = cairn(server.folder(), &format!("{line} --accuracy draft --set fill.count=3"));
         (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
     };
-    std::fs::write(server.path("kit/gltf/a.gltf"), painted("..\\Textures\\red.png", 0.2)).unwrap();
+    let picture = |uri: &str| std::fs::write(server.path("kit/gltf/a.gltf"), painted(uri, 0.2)).unwrap();
+    picture("..\\Textures\\red.png");
     for arguments in ["-o near.glb".to_owned(), format!("-o far.glb --server {far}")] {
         let (code, printed) = run(&arguments);
         assert!(code == 0 && !printed.contains("image"), "{printed}");
@@ -266,11 +269,22 @@ fn pictures_are_sent_and_missing_ones_reported() {
     let read = |name: &str| std::fs::read(server.path(name)).unwrap();
     assert!(read("near.glb") == read("far.glb") && read("far.glb").windows(PNG.len()).any(|part| part == PNG));
 
-    std::fs::write(server.path("kit/gltf/a.gltf"), painted("../secret.png", 0.2)).unwrap();
-    let (code, printed) = run(&format!("-o far.glb --server {far}"));
-    let expected =
-        "the image \"../secret.png\" of material `Clay` was not sent to the server (looked for kit/secret.png)";
-    assert!(code == 0 && printed.contains(expected), "{printed}");
+    for (case, uri, words) in [
+        ("when the picture is sent", "../textures/Red.png", ""),
+        ("when the picture is far", "https://example.org/red.png", ""),
+        (
+            "when the picture is no picture",
+            "../secret.png",
+            "the image \"../secret.png\" of material `Clay` was not sent to the server (looked for kit/secret.png): \
+             the result shows the material without it",
+        ),
+    ] {
+        picture(uri);
+        let (code, printed) = run(&format!("-o far.glb --server {far}"));
+        assert_eq!(code, 0, "{case}: {printed}");
+        assert_eq!(printed.contains("was not sent to the server"), !words.is_empty(), "{case}: {printed}");
+        assert!(printed.contains(words), "{case}: {printed}");
+    }
     let assets = std::fs::read_dir(server.path("data/assets")).unwrap();
     assert!(assets.flatten().all(|asset| std::fs::read(asset.path()).unwrap() != b"a private key"));
 
@@ -279,4 +293,97 @@ fn pictures_are_sent_and_missing_ones_reported() {
     let (code, printed) = run(&format!("-o far.glb --server {far}"));
     assert!(code == 65 && printed.contains("error: kit/gltf/a.gltf: at "), "{printed}");
     assert!(printed.contains("note: kit/gltf/a.gltf: node 0: its skin is not applied"), "{printed}");
+}
+
+/// The bakes of a server from the command line; a result never has the name of another format.
+#[test]
+fn bakes_are_listed_shown_awaited_and_deleted() {
+    let server = Server::start(&[]);
+    let far = &server.addresses[0];
+    let run = |line: &str| {
+        let done = cairn(server.folder(), &format!("{line} --server {far}"));
+        let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+        (done.status.code().unwrap(), text(done.stdout), text(done.stderr))
+    };
+    let ok = |line: &str| {
+        let (code, printed, errors) = run(line);
+        assert_eq!(code, 0, "{line}: {errors}");
+        printed
+    };
+    let scene = "--control cone-small.glb --prop stick.glb --accuracy draft --set fill.count=3";
+    for shot in ["a010", "b:2.Ä"] {
+        ok(&format!("bake {scene} --frames 4 --seed {} -o {}.glb --label shot={shot}", shot.len(), &shot[..1]));
+    }
+    let list = |more: &str| -> Vec<serde_json::Value> {
+        serde_json::from_str(&ok(&format!("bakes list --json {more}"))).unwrap()
+    };
+    assert_eq!(list("").len(), 2);
+    assert_eq!((list("--first 1").len(), list("--state failed").len(), list("--label shot=none").len()), (1, 0, 0));
+    let found = list("--label shot=b:2.Ä --state succeeded");
+    let id = found[0]["id"].as_str().unwrap();
+    assert!(found.len() == 1 && found[0]["format"] == "glb" && found[0]["callers"][0]["labels"]["shot"] == "b:2.Ä");
+    assert!(ok("bakes list").contains("shot=a010"));
+    let start = &id[..8];
+    assert!(ok(&format!("bakes show {start}")).contains(id));
+    assert!(ok(&format!("bakes wait {start}")).contains("succeeded"));
+    ok(&format!("watch {start} -o w.glb"));
+    assert!(std::fs::read(server.path("w.glb")).unwrap() == std::fs::read(server.path("b.glb")).unwrap());
+    for name in ["w.usdz", "w.txt", "w"] {
+        let (code, _, errors) = run(&format!("watch {start} -o {name}"));
+        assert!(code == 65 && errors.contains("the bake has a .glb, which must not have this name"), "{errors}");
+        assert!(!server.path(name).exists());
+    }
+    ok(&format!("bakes delete {start}"));
+    let (code, _, errors) = run(&format!("bakes show {start}"));
+    assert!(code == 2 && errors.contains("there is no bake"), "{errors}");
+    let (code, _, errors) = run("bakes show x");
+    assert!(code == 65 && errors.contains("not the id of a bake"), "{errors}");
+}
+
+/// A plan and a batch on a server: the same bytes as here, and what is there is not baked again.
+#[test]
+fn plans_and_batches_on_a_server() {
+    let server = Server::start(&[]);
+    let far = &server.addresses[0];
+    let run = |line: &str| {
+        let done = cairn(server.folder(), line);
+        assert_eq!(done.status.code(), Some(0), "{line}: {}", String::from_utf8_lossy(&done.stderr));
+        String::from_utf8(done.stdout).unwrap()
+    };
+    let scene = "--control cone-small.glb --prop stick.glb --accuracy draft --set fill.count=3 --set output.frames=4";
+    let plan: serde_json::Value = serde_json::from_str(&run(&format!("plan {scene} --json --server {far}"))).unwrap();
+    assert!(plan["estimates"].as_array().unwrap().len() >= 5 && plan["most_result_bytes"].as_i64().unwrap() > 1000);
+    assert!(run(&format!("plan {scene} --server {far}")).contains("about 3"));
+    let batch =
+        |more: &str, output: &str| run(&format!("batch {scene} --seeds 1..2 -o {output} --json --jobs 2 {more}"));
+    let states = |printed: String| -> Vec<String> {
+        let rows: Vec<serde_json::Value> = serde_json::from_str(&printed).unwrap();
+        rows.iter().map(|row| row["state"].as_str().unwrap().to_owned()).collect()
+    };
+    let there = format!("--server {far} --label shot=a010");
+    assert_eq!(states(batch(&there, "far/{seed:02}.glb")), ["baked", "baked"]);
+    assert_eq!(states(batch(&there, "far/{seed:02}.glb")), ["finished before", "finished before"]);
+    batch("", "near/{seed:02}.glb");
+    for name in ["01.glb", "02.glb"] {
+        let read = |folder: &str| std::fs::read(server.path(folder).join(name)).unwrap();
+        assert!(read("far") == read("near"), "{name}");
+    }
+}
+
+/// A disk without room for the result is known before the bake; the server does not go on for nobody.
+#[test]
+fn a_result_without_room_is_not_baked() {
+    let server = Server::start(&[]);
+    let scene = ["bake", "--control", "cone-small.glb", "--prop", "stick.glb", "--accuracy", "draft", "-o", "far.glb"];
+    let mut command = std::process::Command::new(crate::server::PROGRAM);
+    for name in ["cone-small.glb", "stick.glb"] {
+        std::fs::copy(crate::server::asset(name), server.path(name)).unwrap();
+    }
+    command.args(scene).args(["--server", &server.addresses[0], "--set", "physics.step_natural=0.000001"]);
+    let done = command.current_dir(server.folder()).env("FAILPOINTS", "output-room=return(ENOSPC)").output().unwrap();
+    let errors = String::from_utf8(done.stderr).unwrap();
+    assert!(done.status.code() == Some(65) && errors.contains("MiB will be written"), "{errors}");
+    let listed = cairn(server.folder(), &format!("bakes list --json --server {}", server.addresses[0]));
+    let listed: Vec<serde_json::Value> = serde_json::from_slice(&listed.stdout).unwrap();
+    assert_eq!(listed[0]["state"], "cancelled");
 }

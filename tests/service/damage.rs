@@ -159,7 +159,7 @@ async fn health_knows_the_data_directory() {
     assert!(server.log().contains("the data directory cannot be used"), "{}", server.log());
 }
 
-/// A server that shuts down reports that to all callers, and accepts no calls.
+/// A server that shuts down reports that to all callers, accepts no new work, and answers all other calls.
 #[tokio::test]
 async fn health_of_a_server_that_ends() {
     let server = Server::start(&["--drain-seconds", "20"]);
@@ -174,27 +174,27 @@ async fn health_of_a_server_that_ends() {
         }
     }
     let service = &mut connection.service;
-    // The health changes a moment before calls are refused.
-    while service.list_bakes(ListBakesRequest::default()).await.is_ok() {
+    // The health changes a moment before work is refused.
+    while service.plan_bake(PlanBakeRequest { spec: Some(short(1)) }).await.is_ok() {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;
     }
-    let bake_id = id;
-    let refused = [
-        service.get_server_info(GetServerInfoRequest::default()).await.map(drop),
-        service.have_assets(HaveAssetsRequest::default()).await.map(drop),
+    for refused in [
         service.upload_asset(tokio_stream::iter([])).await.map(drop),
         service.plan_bake(PlanBakeRequest { spec: Some(short(1)) }).await.map(drop),
         service.bake(request(short(1))).await.map(drop),
-        service.watch_bake(WatchBakeRequest { bake_id: bake_id.clone(), ..Default::default() }).await.map(drop),
-        service.get_bake(GetBakeRequest { bake_id: bake_id.clone() }).await.map(drop),
-        service.list_bakes(ListBakesRequest::default()).await.map(drop),
-        service.cancel_bake(CancelBakeRequest { bake_id: bake_id.clone() }).await.map(drop),
-        service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.map(drop),
-        service.download_result(DownloadResultRequest { bake_id, artifact: 0 }).await.map(drop),
-    ];
-    for refused in refused {
+    ] {
         assert_fault(&refused.unwrap_err(), Code::Unavailable, "SHUTTING_DOWN");
     }
+    let bake_id = id;
+    service.get_server_info(GetServerInfoRequest::default()).await.unwrap();
+    service.have_assets(HaveAssetsRequest::default()).await.unwrap();
+    service.list_bakes(ListBakesRequest::default()).await.unwrap();
+    service.get_bake(GetBakeRequest { bake_id: bake_id.clone() }).await.unwrap();
+    service.watch_bake(WatchBakeRequest { bake_id: bake_id.clone(), ..Default::default() }).await.unwrap();
+    let not_done = service.download_result(DownloadResultRequest { bake_id: bake_id.clone(), artifact: 0 }).await;
+    assert_fault(&not_done.map(drop).unwrap_err(), Code::FailedPrecondition, "BAKE_NOT_DONE");
+    service.cancel_bake(CancelBakeRequest { bake_id: bake_id.clone() }).await.unwrap();
+    service.delete_bake(DeleteBakeRequest { bake_id }).await.unwrap();
 }
 
 /// Some libraries compress their messages.

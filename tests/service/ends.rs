@@ -1,15 +1,15 @@
-//! Ends of bakes and servers: cancelled, past their deadline, abandoned by their caller, killed and restarted.
+//! Ends of bakes and servers. Long: cancelled, past their deadline, abandoned by their caller, killed and restarted.
 
 use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, begin, endless, events, long, numbered, request, short,
     status, take, until, watch, within,
 };
-use cairn::client::Connection;
+use cairn::client::{Connection, Target};
 use cairn::wire::proto::bake_event::Kind;
 use cairn::wire::proto::pile_service_client::PileServiceClient;
 use cairn::wire::proto::{
-    BakeEvent, BakeRequest, BakeResponse, BakeSpec, BakeState, BakeStatus, CancelBakeRequest, WatchBakeRequest,
-    WatchBakeResponse,
+    Artifact, BakeEvent, BakeRequest, BakeResponse, BakeSpec, BakeState, BakeStatus, CancelBakeRequest,
+    WatchBakeRequest, WatchBakeResponse,
 };
 use prost::Message;
 use std::time::{Duration, Instant};
@@ -305,18 +305,64 @@ async fn a_server_that_is_asked_to_end_lets_bakes_end() {
     let mut connection = server.ready().await;
     let stream = connection.service.bake(request(long(1))).await.unwrap().into_inner();
     server.signal("-TERM");
+    let mut seed = 0;
     let refused = loop {
-        match connection.service.bake(request(short(1))).await {
+        seed += 1;
+        match connection.service.bake(request(short(seed))).await {
             Err(status) => break status,
             Ok(_) => tokio::time::sleep(Duration::from_millis(10)).await,
         }
     };
     assert_fault(&refused, Code::Unavailable, "SHUTTING_DOWN");
-    let (received, end) = events(stream).await;
-    end.unwrap();
-    assert_contiguous(&received, 1);
+    // A second caller of the same bake attaches; both fetch the result from the server that ends.
+    let attached = connection.service.bake(request(long(1))).await.unwrap().into_inner();
+    for stream in [stream, attached] {
+        let (received, end) = events(stream).await;
+        end.unwrap();
+        assert_contiguous(&received, 1);
+        assert!(!connection.download(&accepted_id(&received), Artifact::Result).await.unwrap().is_empty());
+    }
     drop(connection);
     assert_eq!(server.wait(), Some(0), "{}", server.log());
+}
+
+/// Servers follow each other at one address, while bakes run and results are fetched: each command gets its file.
+#[tokio::test(flavor = "multi_thread")]
+async fn no_result_is_lost_when_servers_change() {
+    const CALLERS: i64 = 20;
+    let folder = tempfile::tempdir().unwrap();
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
+    let args = ["--listen", &port, "--drain-seconds", "1", "--workers", "4"];
+    let mut server = Server::start_in(folder.path(), &args);
+    let mut connection = server.ready().await;
+    let id = begin(&mut connection, short(1)).await;
+    until(&mut connection, &id, BakeState::Succeeded).await;
+    let expected = connection.download(&id, Artifact::Result).await.unwrap();
+    let target = Target { address: port.clone(), ..Default::default() };
+    let mut callers = tokio::task::JoinSet::new();
+    for caller in 0..CALLERS {
+        let (mut connection, first) = (Connection::open(&target).await.unwrap(), id.clone());
+        callers.spawn(async move {
+            let baked = connection.bake(request(short(100 + caller)), |_| ()).await.unwrap();
+            (baked != first, connection.download(&baked, Artifact::Result).await.unwrap())
+        });
+        let (mut connection, first) = (Connection::open(&target).await.unwrap(), id.clone());
+        callers.spawn(async move { (false, connection.download(&first, Artifact::Result).await.unwrap()) });
+    }
+    drop(connection);
+    for _ in 0..2 {
+        tokio::time::sleep(Duration::from_millis(300)).await;
+        server.signal("-TERM");
+        assert_eq!(server.wait(), Some(0), "{}", server.log());
+        server = Server::start_in(folder.path(), &args);
+    }
+    let mut count = 0;
+    while let Some(caller) = callers.join_next().await {
+        let (is_own, file) = caller.unwrap();
+        assert!(if is_own { file.starts_with(b"glTF") } else { file == expected });
+        count += 1;
+    }
+    assert_eq!(count, 2 * CALLERS);
 }
 
 #[tokio::test]
@@ -339,7 +385,7 @@ async fn the_drain_has_a_deadline() {
 async fn a_data_directory_has_one_server() {
     let server = Server::start(&[]);
     let second = crate::server::command(server.folder()).args(["--listen", "127.0.0.1:0"]).output().unwrap();
-    assert_eq!(second.status.code(), Some(2));
+    assert_eq!(second.status.code(), Some(69));
     assert!(String::from_utf8_lossy(&second.stderr).contains("in use by another server"));
 }
 

@@ -7,6 +7,7 @@ mod bakes;
 mod callers;
 mod certificates;
 mod command_line;
+mod create;
 mod damage;
 mod ends;
 mod faults;

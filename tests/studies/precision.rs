@@ -81,7 +81,7 @@ fn main() -> anyhow::Result<()> {
 
 /// Bakes up to this share of the release, or to the end of the hold.
 fn advance(sim: &mut Simulation, params: &Params, moment: f64) -> anyhow::Result<()> {
-    match release::run(sim, params, params.release.order, false, &mut Until(moment)) {
+    match release::run(sim, params, params.release.order, false, &|_| 0.0, &mut Until(moment)) {
         Ok(()) => hold::run(sim, params, false, &mut Silent).map(|_| ()).map_err(Into::into),
         Err(Error::Cancelled) => Ok(()),
         Err(error) => Err(error.into()),

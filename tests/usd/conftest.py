@@ -78,6 +78,18 @@ def glued(tmp_path_factory):
     return Bake(folder, scene, ["usdc", "json"])
 
 
+@pytest.fixture(params=["glue=natural", "glue=as_modelled", "control=off"])
+def still(request, tmp_path_factory):
+    """Twelve sticks that fall, or hold."""
+    folder = tmp_path_factory.mktemp("still")
+    models = [f"--control={ROOT}/examples/assets/cone-small.glb", f"--prop={ROOT}/examples/assets/stick.glb"]
+    bake = Bake.__new__(Bake)
+    bake.folder = folder
+    sets = [f"--set={name}" for name in ["fill.count=12", "output.frames=30", request.param]]
+    bake.cairn("bake", *models, "--accuracy=draft", *sets, "-o", "pile.usdc", "--quiet")
+    return bake
+
+
 @pytest.fixture(params=["mixed", "late"])
 def bake(request):
     return request.getfixturevalue(request.param)

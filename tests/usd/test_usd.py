@@ -106,6 +106,26 @@ def test_velocities_lead_to_the_next_frame(mixed):
         assert np.abs(arrived - places(stage, frame)).max() > 1e-2
 
 
+def test_bodies_rest_before_and_after_the_clip(still):
+    """Shots begin before the clip and go on after it: USD extrapolates by velocities there."""
+    stage = opened(still)
+    instancer, end = bodies(stage), stage.GetEndTimeCode()
+    assert end > 2
+    for frame, held in [(-24, 0), (-0.5, 0), (end + 0.5, end), (end + 100, end), (1001, end)]:
+        assert np.abs(places(stage, frame) - places(stage, held)).max() == 0, frame
+    # Motion blur within the clip goes from pose to pose, at its ends, too.
+    for frame in [0, end - 1]:
+        arrived = places(stage, frame + 1 - 1e-6, base=frame)
+        assert np.abs(arrived - places(stage, frame + 1)).max() < 1e-3
+    # No sample is redundant.
+    attributes = [instancer.GetPositionsAttr(), instancer.GetOrientationsAttr()]
+    times = attributes[0].GetTimeSamples()
+    assert times == attributes[1].GetTimeSamples() == instancer.GetVelocitiesAttr().GetTimeSamples()
+    written = [[list(attribute.Get(time)) for attribute in attributes] for time in times]
+    around = zip(written, written[1:], written[2:], strict=False)
+    assert all(before != now or now != after for before, now, after in around)
+
+
 def test_bodies_that_appear_later_have_no_size_before(late):
     stage = opened(late)
     hidden = [frame for frame in range(40) if late.table["frames"][frame][-1] is None]

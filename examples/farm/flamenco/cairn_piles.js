@@ -14,6 +14,12 @@ const JOB_TYPE = {
           description: "Folder of the piles, on the shared storage" },
         { key: "seeds", type: "string", required: true, default: "0-49",
           description: "Seeds, both ends included" },
+        { key: "format", type: "string", required: true, default: "glb", choices: ["glb", "usdc", "usda", "usdz"],
+          description: "Format of the results" },
+        { key: "jobs", type: "int32", default: 0, propargs: { min: 0, max: 256 }, visible: "submission",
+          description: "Bakes that a task runs at the same time; 0 is one per core" },
+        { key: "verify", type: "bool", default: false,
+          description: "Bake one pile again in the end, and compare every byte" },
         { key: "chunk_size", type: "int32", default: 4, propargs: { min: 1, max: 100 }, visible: "submission",
           description: "Bakes of a task" },
         { key: "accuracy", type: "string", required: true, default: "standard",
@@ -39,13 +45,22 @@ function compileJob(job) {
             exe: settings.program,
             args: [
                 "batch", settings.scene, "--accuracy", settings.accuracy, "--seeds", `${begin}..${end}`,
-                "--output", `${settings.output}/{seed}.glb`, "--progress", "plain",
+                "--output", `${settings.output}/{seed}.${settings.format}`, "--jobs", String(settings.jobs),
+                "--progress", "plain",
             ],
         }));
         job.addTask(task);
         bakes.push(task);
     }
-    if (settings.sheet) {
+    if (settings.verify) {
+        const verify = author.Task("verify", "misc");
+        const result = `${settings.output}/${first}.${settings.format}`;
+        verify.addCommand(author.Command("exec", { exe: settings.program, args: ["verify", result] }));
+        bakes.forEach((task) => verify.addDependency(task));
+        job.addTask(verify);
+    }
+    // A contact sheet shows .glb files.
+    if (settings.sheet && settings.format === "glb") {
         const rank = author.Task("rank", "misc");
         rank.addCommand(author.Command("exec", { exe: settings.program, args: ["rank", settings.output] }));
         bakes.forEach((task) => rank.addDependency(task));

@@ -35,6 +35,8 @@ class Target:
     certificates: str = ""
     # Where several servers are behind a proxy: calls with the same text reach the same server. Empty: any server.
     route: str = ""
+    # PEM files of the caller's own certificate and its key, for a server that asks for them.
+    identity: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,7 @@ def _channel(target):
     if target.address.startswith("unix:"):
         return Channel(path=target.address.removeprefix("unix:"))
     address = target.address.removeprefix("http://")
-    is_encrypted = address.startswith("https://") or target.certificates
+    is_encrypted = address.startswith("https://") or target.certificates or target.identity
     host, _, port = address.removeprefix("https://").rpartition(":")
     if not host or not port.isdecimal():
         raise Fault(f"The server's address is “{target.address}”. Write it as HOST:PORT{place}.")
@@ -203,8 +205,11 @@ def _channel(target):
     if is_encrypted:
         try:
             context = ssl.create_default_context(cafile=target.certificates or None)
+            if target.identity:
+                context.load_cert_chain(*target.identity)
         except (OSError, ssl.SSLError) as error:
-            raise Fault(f"{target.certificates}: {error}. Choose a PEM file{place}.") from error
+            files = ", ".join(name for name in (target.certificates, *target.identity) if name)
+            raise Fault(f"{files}: {error}. Choose PEM files{place}.") from error
         context.set_alpn_protocols(["h2"])
     return Channel(host.strip("[]"), int(port), ssl=context)
 
@@ -243,5 +248,6 @@ def _fault(error):
             problems = [Problem(wrong.description) for wrong in detail.field_violations]
     if reason == "TOKEN_INVALID":
         return Fault(f"The server does not take the token. {_check()}", reason)
-    is_broken = error.status in (Status.UNAVAILABLE, Status.UNKNOWN) and reason != "SHUTTING_DOWN"
+    # A server that shuts down leaves its bakes to the next one.
+    is_broken = error.status in (Status.UNAVAILABLE, Status.UNKNOWN)
     return Fault(error.message or error.status.name, reason, problems, is_broken)

@@ -133,7 +133,7 @@ impl Group {
 
 fn parameters(message: &MessageDescriptor) -> Vec<Parameter> {
     let single = message.fields().filter(|field| !field.is_list() && !matches!(field.kind(), Kind::Message(_)));
-    let single = single.filter(|field| !is_deprecated(field));
+    let single = single.filter(|field| !is_deprecated(field) && !is_text(field));
     let (one_of, alone): (Vec<_>, Vec<_>) = single.partition(|field| choice(field).is_some());
     let mut parameters: Vec<Parameter> = alone.iter().map(parameter).collect();
     for field in one_of {
@@ -168,6 +168,11 @@ fn parameter(field: &FieldDescriptor) -> Parameter {
     };
     let is_optional = is_absent && !matches!(value, Value::FlagOrAuto);
     Parameter { name: field.name().into(), value, is_optional, default, range: Range::of(&comment), comment }
+}
+
+/// A name, which whoever reads the scene's files resolves: no parameter.
+fn is_text(field: &FieldDescriptor) -> bool {
+    matches!(field.kind(), Kind::String)
 }
 
 /// The wire still has it, for callers that were made before it was replaced.

@@ -1,6 +1,6 @@
 //! Conversions between the core's parameters and the messages, for `cairn::wire`.
 
-use crate::{Group, Parameter, Schema, Value, camel, is_deprecated, measure, of_field, stated, variants};
+use crate::{Group, Parameter, Schema, Value, camel, is_deprecated, is_text, measure, of_field, stated, variants};
 use protox::prost_reflect::{EnumDescriptor, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -15,8 +15,10 @@ impl Schema {
         code.push_str("/// The values that a scene sets.\n");
         code.push_str("pub fn set_all(params: &mut Params, scene: &proto::Scene, counts: &mut Counts) {\n");
         for group in &self.groups {
-            let given =
-                if group.wire.is_empty() { "scene" } else { &format!("scene.{}.unwrap_or_default()", group.wire) };
+            // Messages with text cannot be copied.
+            let clone = if group.message.fields().any(|field| is_text(&field)) { ".clone()" } else { "" };
+            let given = format!("scene.{}{clone}.unwrap_or_default()", group.wire);
+            let given = if group.wire.is_empty() { "scene" } else { &given };
             writeln!(code, "let given = {given};").unwrap();
             group.parameters.iter().for_each(|parameter| from(&mut code, group, parameter));
             group.message.fields().filter(is_deprecated).for_each(|field| refuse(&mut code, group, &field));
@@ -39,7 +41,7 @@ impl Schema {
     fn fields(&self, code: &mut String, wire: &str) {
         for group in self.groups.iter().filter(|group| group.wire == wire) {
             group.parameters.iter().for_each(|parameter| to(code, group, parameter));
-            let replaced = group.message.fields().filter(is_deprecated);
+            let replaced = group.message.fields().filter(|field| is_deprecated(field) || is_text(field));
             replaced.for_each(|field| writeln!(code, "{}: None,", field.name()).unwrap());
         }
     }

@@ -16,7 +16,7 @@ use cairn_gltf::{Geometry, Primitive};
 use glam::{DAffine3, DMat3};
 
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::topology::{drop_flat, weld};
+use crate::geometry::topology::{Flat, drop_flat, weld};
 use crate::geometry::weld::Welder;
 
 /// Metres from the origin beyond which a point is taken for a mistake: the sun is nearer.
@@ -47,10 +47,12 @@ pub struct Asset {
 
 /// Reads `source`, or reports everything that is wrong with it.
 pub fn read(source: &Source<'_>) -> Result<Asset, Vec<AssetProblem>> {
-    let mut log = Log::new(source.name);
-    // A fault of this reader must cost one file, not the process. None is known.
-    let read = catch_unwind(AssertUnwindSafe(|| read_with(source, &mut log)));
-    match read {
+    guarded(Log::new(source.name), |log| read_with(source, log))
+}
+
+/// A fault of this reader must cost one file, not the process. None is known.
+fn guarded(mut log: Log, read: impl FnOnce(&mut Log) -> Logged<Asset>) -> Result<Asset, Vec<AssetProblem>> {
+    match catch_unwind(AssertUnwindSafe(|| read(&mut log))) {
         Ok(Ok(asset)) if !log.any() => return Ok(asset),
         Ok(_) => {}
         Err(panic) => {
@@ -77,17 +79,22 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Logged<Asset> {
         log.note("triangles of no area are left out", &format!("{degenerate} of {all}"));
         mesh = weld(&mesh, 0.0); // their points go too
     }
+    note_flat(&flat, log);
+    if mesh.triangles.is_empty() && !log.any() {
+        let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has no area"));
+        return Err(log.refuse("", ProblemKind::NoTriangles { why: all.or(why_empty) }));
+    }
+    Ok(Asset { mesh, linear, root, degenerate, is_skinned, notes: log.notes() })
+}
+
+/// Notes about triangles of no area that were not left out.
+fn note_flat(flat: &Flat, log: &mut Log) {
     if flat.folded > 0 {
         log.note("triangles of no area are merged with those beside them", &flat.folded.to_string());
     }
     if flat.left > 0 {
         log.note("triangles of no area could not be taken away and stay", &flat.left.to_string());
     }
-    if mesh.triangles.is_empty() && !log.any() {
-        let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has no area"));
-        return Err(log.refuse("", ProblemKind::NoTriangles { why: all.or(why_empty) }));
-    }
-    Ok(Asset { mesh, linear, root, degenerate, is_skinned, notes: log.notes() })
 }
 
 /// Adds a primitive to the mesh, once for each of `maps`, and gives how many triangles have two equal corners: these

@@ -45,6 +45,8 @@ pub mod prepare;
 pub mod report;
 pub mod sim;
 pub mod stages;
+#[cfg(test)]
+mod testing;
 pub mod world;
 
 pub use error::Error;
@@ -61,6 +63,7 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
+use prepare::surroundings::Surroundings;
 use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
@@ -182,7 +185,7 @@ pub fn fill_container(
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let units = units.about(scene.middle());
-    let container = container(params, &checked, &resolved, &units);
+    let container = container(scene, params, &checked, &resolved, &units);
     let target = checked.target().filter(|_| container.is_none());
     let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
@@ -213,13 +216,24 @@ pub fn fill_container(
 }
 
 /// The container, if anything is filled.
-fn container(params: &Params, checked: &CheckedScene, resolved: &Resolved, units: &Units) -> Option<Container> {
+fn container(
+    scene: &Scene,
+    params: &Params,
+    checked: &CheckedScene,
+    resolved: &Resolved,
+    units: &Units,
+) -> Option<Container> {
     let control = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill))?;
     let is_simplified = resolved.is_on(EffectName::WallSimplification);
     let tolerance = if is_simplified { params.fill.wall_tolerance } else { 0.0 };
     let container = Container::new(control, units, checked.ground, tolerance);
-    Some(match &checked.core {
+    let container = match &checked.core {
         Some(core) => container.around(core, units),
+        None => container,
+    };
+    let ground = params.ground.then_some(checked.ground);
+    Some(match Surroundings::new(scene, &control.mesh, ground) {
+        Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
         None => container,
     })
 }
@@ -266,7 +280,9 @@ pub fn release_pile<'a>(
     let is_staged = resolved.is_on(EffectName::StagedRelease);
     let order = if is_staged { params.release.order } else { ReleaseOrder::AtOnce };
     let stands = resolved.is_on(EffectName::Stand);
-    release::run(&mut sim, params, order, stands, observer)?;
+    let container = full.filled.as_ref().map(|(container, _)| container);
+    let support = |place| container.map_or(0.0, |container| container.support(place));
+    release::run(&mut sim, params, order, stands, &support, observer)?;
     clock.lap(Stage::Release, observer);
 
     let held = hold::run(&mut sim, params, stands, observer)?;

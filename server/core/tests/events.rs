@@ -1,5 +1,5 @@
-//! Additions of a scene to its fill, end to end: placed bodies, emitters, moving scenery, blows, the end of the
-//! control.
+//! Additions of a scene to its fill, end to end. Long: a scene for each of placed bodies, emitters, moving scenery,
+//! blows and the end of the control.
 
 mod common;
 
@@ -144,14 +144,27 @@ fn an_emitter_lets_bodies_appear_at_its_rate() {
     assert_eq!(pool.install(|| baked(&scene, &params())).pile.frames, one.pile.frames);
 
     // A place that is full at once: the report counts the bodies that could not appear.
-    scene.emitters[0].place = EmitterVolume::Box { center: DVec3::Y * 0.2, size: DVec3::splat(0.1) };
-    let blocked = baked(&scene, &params());
-    assert!(blocked.pile.bodies.len() < 5);
-    assert!(
-        blocked.report.warnings.iter().any(|w| w.contains("of 30 bodies could appear")),
-        "{:?}",
-        blocked.report.warnings
-    );
+    let within = |center: DVec3, size: DVec3| EmitterVolume::Box { center, size };
+    for (case, place, count, words) in [
+        ("when there is room", within(DVec3::Y * 1.5, DVec3::new(2.0, 1.0, 2.0)), 4, ""),
+        ("when it is full in the end", within(DVec3::Y * 0.2, DVec3::splat(0.1)), 1, ""),
+        (
+            "when it is full at once",
+            within(DVec3::Y * 0.2, DVec3::splat(0.1)),
+            30,
+            "of 30 bodies could appear: there was no free spot left; make its place larger, or move it away from the \
+             pile",
+        ),
+    ] {
+        scene.emitters[0] = Emitter { place, count, ..scene.emitters[0].clone() };
+        let bake = baked(&scene, &params());
+        let said: Vec<&String> = bake.report.warnings.iter().filter(|w| w.starts_with("emitters.0: only ")).collect();
+        assert_eq!(
+            (said.len(), bake.pile.bodies.len() < count as usize),
+            (!words.is_empty() as usize, !said.is_empty())
+        );
+        assert!(said.iter().all(|w| w.contains(words)), "{case}: {said:?}");
+    }
 }
 
 #[test]

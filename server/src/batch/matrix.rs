@@ -200,7 +200,10 @@ fn file_name_of(value: &str) -> String {
     value.trim_matches('"').chars().map(plain).collect()
 }
 
-/// The output path with its placeholders replaced.
+/// Digits of a padded number at most.
+const MOST_DIGITS: usize = 20;
+
+/// The output path with its placeholders replaced: `{seed}`, or `{seed:04}` with zeros before it.
 fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, Problem> {
     let place = format!("-o {template}");
     let known = || names.keys().map(|name| format!("{{{name}}}")).collect::<Vec<_>>().join(", ");
@@ -210,11 +213,26 @@ fn fill_in(template: &str, names: &BTreeMap<String, String>) -> Result<String, P
         let Some((name, behind)) = after.split_once('}') else {
             return Err(Problem::new(place, "a `{` is not closed", format!("Available: {}.", known())));
         };
+        let (name, width) = name.split_once(':').map_or((name, None), |(name, width)| (name, Some(width)));
         let Some(value) = names.get(name) else {
             return Err(Problem::new(place, format!("there is no {{{name}}}"), format!("Available: {}.", known())));
         };
         path.push_str(before);
-        path.push_str(value);
+        match width.map(|width| (width.strip_prefix('0').unwrap_or_default(), width)) {
+            None => path.push_str(value),
+            Some((digits, _)) if digits.parse().is_ok_and(|digits: usize| (1..=MOST_DIGITS).contains(&digits)) => {
+                let digits = digits.parse().unwrap_or(1);
+                path.push_str(&format!("{value:0>digits$}"));
+            }
+            Some((_, width)) => {
+                let what = format!("{{{name}:{width}}} has no width that is known");
+                return Err(Problem::new(
+                    place,
+                    what,
+                    format!("Write {{{name}:04}} for four digits, with zeros before."),
+                ));
+            }
+        }
         rest = behind;
     }
     path.push_str(rest);
@@ -270,6 +288,13 @@ mod tests {
     }
 
     #[test]
+    fn numbers_are_padded() {
+        let variants = matrix("9..10", &["accuracy=draft"], "{seed:04}-{accuracy}-{index:02}.glb").unwrap();
+        let names: Vec<_> = variants.iter().map(|variant| variant.output.to_str().unwrap()).collect();
+        assert_eq!(names, ["0009-draft-00.glb", "0010-draft-01.glb"]);
+    }
+
+    #[test]
     fn values_may_have_commas_in_them() {
         let vary: Vary = "bodies.0.translation=[0,1,0],[0,2.5,0]".parse().unwrap();
         assert_eq!(vary.values, ["[0, 1, 0]", "[0, 2.5, 0]"]);
@@ -287,6 +312,11 @@ mod tests {
         assert!(wrong("0..1", &[], "pile.glb").contains("two variants (seed=0 and seed=1)"));
         assert!(wrong("0..1", &[], "{sed}.glb").contains("{index}, {seed}"));
         assert!(wrong("0..1", &[], "{seed}.obj").contains("the format is unknown"));
+        for width in ["4", "0", "0x", "099", ""] {
+            let output = format!("{{seed:{width}}}.glb");
+            let text = matrix("0..1", &[], &output).unwrap_err()[0].to_string();
+            assert!(text.contains("has no width that is known") && text.contains("{seed:04}"), "{text}");
+        }
         assert!(wrong("0..999999", &[], "{seed}.glb").contains("more than"));
         assert!("9..4".parse::<Seeds>().is_err() && "a".parse::<Seeds>().is_err() && "7-3".parse::<Span>().is_err());
     }

@@ -99,7 +99,7 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     check_outputs(args, job.inputs())?;
     let plan = cairn_core::plan(&job.scene, &job.params);
     let plan = plan.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
-    output::check_room(&args.output, job.expected_bytes(&plan, format))?;
+    output::check_room(&args.output, job.most_bytes(&plan, format))?;
 
     let mut reporter = Reporter::new(mode);
     // The result is written before the measures are taken.
@@ -137,9 +137,7 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
         }
         let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
         let (bodies, frames) = (bake.report.bodies, bake.pile.frames.len());
-        for line in summary::lines(bodies, frames, measure, counted, seconds, &args.output) {
-            anstream::eprintln!("{line}");
-        }
+        summary::print(bodies, frames, measure, counted, seconds, &args.output);
     }
     Ok(())
 }

@@ -6,6 +6,8 @@ use super::scene_args::SceneArgs;
 use super::{Failure, print};
 use crate::job::Job;
 use crate::problem::Problem;
+use crate::scene_file::SceneTree;
+use cairn_core::prepare::effects::{Effect, EffectName};
 use cairn_core::prepare::estimate::Estimate;
 use cairn_core::prepare::plan::Plan;
 use serde_json::json;
@@ -36,9 +38,18 @@ pub struct PlanArgs {
     /// Print JSON instead of text
     #[arg(long)]
     pub json: bool,
+
+    /// Print every effect, not only those that matter most
+    #[arg(short, long, conflicts_with = "json")]
+    pub verbose: bool,
 }
 
 impl PlanArgs {
+    /// The scene.
+    pub fn tree(&self) -> Result<SceneTree, Failure> {
+        self.scene.tree()
+    }
+
     /// Reads the scene with all its files, and plans its bake.
     pub fn read(&self) -> Result<(Job, Plan), Failure> {
         let tree = self.scene.tree()?;
@@ -71,13 +82,23 @@ fn check(args: &PlanArgs) -> Result<(), Failure> {
         };
         print(&format!("{answer:#}\n"))?;
     } else if let Ok((plan, notes)) = &result {
-        print(&describe(plan, notes, None))?;
+        print(&describe(plan, notes, None, args.verbose))?;
     }
     result.map(|_| ())
 }
 
-/// The plan as text. `expected`: the estimate for the scene's own accuracy.
-pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> String {
+/// The effects that say what kind of pile it will be.
+const MAIN_EFFECTS: [EffectName; 6] = [
+    EffectName::Fill,
+    EffectName::Glue,
+    EffectName::Control,
+    EffectName::StagedRelease,
+    EffectName::Scenery,
+    EffectName::Emitters,
+];
+
+/// The plan as text. `expected`: the estimate for the scene's own accuracy. `has_all`: with all effects.
+pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>, has_all: bool) -> String {
     let mut text = String::from("The scene can be baked.\n");
     let mut line = |name: &str, value: String| writeln!(text, "  {name:<22}{value}").expect("a string takes all");
     line("bodies", format!("about {}", plan.expected_bodies));
@@ -93,13 +114,17 @@ pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>) -> S
     }
     line("prop diameter", format!("{:.3} m", plan.prop_diameter));
     line("characteristic time", format!("{:.3} s", plan.characteristic_time));
-    for effect in plan.effects.iter().filter(|effect| effect.on) {
+    let is_shown = |effect: &&Effect| has_all || MAIN_EFFECTS.contains(&effect.name);
+    for effect in plan.effects.iter().filter(is_shown).filter(|effect| effect.on) {
         let share = expected.and_then(|expected| expected.share(effect.name));
         let share = share.map_or(String::new(), |share| format!(" (about {:.0} % of the time)", 100.0 * share));
         line(effect.name.name(), format!("on: {}{share}", effect.reason));
     }
-    for effect in plan.effects.iter().filter(|effect| !effect.on) {
+    for effect in plan.effects.iter().filter(is_shown).filter(|effect| !effect.on) {
         line(effect.name.name(), format!("off: {}", effect.reason));
+    }
+    if !has_all {
+        line("effects", format!("{} more: -v prints them", plan.effects.len() - MAIN_EFFECTS.len()));
     }
     for note in notes.iter().chain(&plan.warnings) {
         line("note", note.clone());

@@ -41,6 +41,10 @@ pub struct Args {
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
     budget: Option<Duration>,
 
+    /// Number of threads; 0: one per core. CPU time and errors hardly depend on it
+    #[arg(long, default_value_t = 0, env = "CAIRN_BAKE_THREADS")]
+    threads: usize,
+
     /// Seeds of each variant, starting with the scene's seed
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..=100))]
     seeds: u64,
@@ -77,6 +81,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn study(args: &Args) -> Result<(), Failure> {
+    machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
     let tree = args.scene.tree()?;
     let job = Job::read_tree(&tree, args.bounds.limits())?;
     let variants = match (&args.knobs[..], args.presets_only) {

@@ -5,6 +5,7 @@ use crate::files;
 use crate::job::{JobError, Refused};
 use crate::model::export::ExportError;
 use crate::problem::Problem;
+use crate::service::listen::BindError;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
@@ -19,6 +20,10 @@ pub enum Failure {
     Input(Vec<Problem>),
     /// The same, with notes about the files, which are often the reason.
     Refused(Refused),
+    /// Another program uses what a server needs: its address, or its data directory.
+    Unavailable(Vec<Problem>),
+    /// The settings of a server are wrong.
+    Settings(Vec<Problem>),
     /// A fault in Cairn.
     Internal(String),
     /// The result could not be written; the scene is fine.
@@ -34,6 +39,8 @@ impl Failure {
         ExitCode::from(match self {
             Failure::Usage(_) => 2,
             Failure::Input(_) | Failure::Refused(_) => 65,
+            Failure::Unavailable(_) => 69,
+            Failure::Settings(_) => 78,
             Failure::Internal(_) => 70,
             Failure::TryAgain(_) => interrupt::TRY_AGAIN,
             Failure::Cancelled => interrupt::code(),
@@ -45,7 +52,10 @@ impl Failure {
     pub fn messages(&self) -> Vec<String> {
         let all = |problems: &[Problem]| problems.iter().map(Problem::to_string).collect();
         match self {
-            Failure::Usage(problems) | Failure::Input(problems) => all(problems),
+            Failure::Usage(problems)
+            | Failure::Input(problems)
+            | Failure::Unavailable(problems)
+            | Failure::Settings(problems) => all(problems),
             Failure::Refused(refused) => all(&refused.problems),
             Failure::TryAgain(problem) => vec![problem.to_string()],
             Failure::Internal(what) => vec![format!(
@@ -124,6 +134,13 @@ impl From<cairn_core::Error> for Failure {
 impl From<Refused> for Failure {
     fn from(refused: Refused) -> Failure {
         Failure::Refused(refused)
+    }
+}
+
+impl From<BindError> for Failure {
+    fn from(error: BindError) -> Failure {
+        let kind = if error.is_taken { Failure::Unavailable } else { Failure::Settings };
+        kind(error.problems)
     }
 }
 

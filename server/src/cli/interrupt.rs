@@ -121,6 +121,10 @@ pub fn shield() -> MutexGuard<'static, ()> {
 
 fn end() {
     let _nothing_is_half_written = shield();
-    eprintln!("\nerror: cancelled");
+    if !super::is_json() {
+        // After the `^C` of a terminal.
+        eprintln!();
+    }
+    super::print_error("cancelled");
     std::process::exit(code().into());
 }

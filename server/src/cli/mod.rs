@@ -1,6 +1,7 @@
 //! The command line: one file per command, and shared parts.
 
 mod bake;
+mod bakes;
 mod batch;
 mod bounds;
 mod cache_args;
@@ -35,7 +36,9 @@ use clap::{Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 pub use failure::Failure;
 use progress::Mode;
+use serde_json::json;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Bakes piles of props in the shape of a mesh.
 ///
@@ -51,6 +54,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bake(bake::Args),
+    Bakes(bakes::Args),
     Batch(batch::Args),
     Cancel(cancel::Args),
     Check(check::Args),
@@ -76,6 +80,7 @@ impl Command {
         match self {
             Command::Bake(args) => Some(args.progress.mode),
             Command::Batch(args) => Some(args.progress),
+            Command::Verify(args) => Some(args.progress),
             Command::Watch(args) => Some(args.progress.mode),
             _ => None,
         }
@@ -97,17 +102,40 @@ Examples:
   cairn doctor
         Checks this machine, and tests a small bake on it.
 
-Exit codes: 0 success, 2 wrong usage, 65 wrong input, 70 fault in Cairn, 75 not written or SIGTERM (try again),
-130 cancelled.
+Exit codes: 0 success, 2 wrong usage, 65 wrong input, 69 address or data in use, 70 fault in Cairn, 75 not written or
+SIGTERM (try again), 78 wrong settings of a server, 130 cancelled.
 Colors: if the terminal supports them; the environment variable NO_COLOR turns them off.";
+
+/// Whether the lines on stderr are JSON objects.
+static AS_JSON: AtomicBool = AtomicBool::new(false);
+
+fn is_json() -> bool {
+    AS_JSON.load(Ordering::Relaxed)
+}
+
+/// Whether a command line that cannot be read asks for JSON lines.
+fn asks_for_json(args: impl Iterator<Item = String>) -> bool {
+    let args: Vec<String> = args.collect();
+    let is_pair = |pair: &[String]| pair[0] == "--progress" && pair[1] == "json";
+    args.windows(2).any(is_pair) || args.iter().any(|arg| arg == "--progress=json")
+}
 
 /// Runs the command of the command line.
 pub fn main() -> ExitCode {
     failpoints::set_up();
-    let cli = Cli::parse();
+    let cli = Cli::try_parse().unwrap_or_else(|error| {
+        if error.use_stderr() && asks_for_json(std::env::args()) {
+            AS_JSON.store(true, Ordering::Relaxed);
+            print_error(error.to_string().trim_start_matches("error: ").trim());
+            std::process::exit(error.exit_code());
+        }
+        error.exit()
+    });
     let is_openjd = cli.command.progress() == Some(Mode::Openjd);
+    AS_JSON.store(cli.command.progress() == Some(Mode::Json), Ordering::Relaxed);
     let result = panic::catch(|| match cli.command {
         Command::Bake(args) => bake::run(&args),
+        Command::Bakes(args) => bakes::run(&args),
         Command::Batch(args) => batch::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
@@ -155,8 +183,19 @@ fn print_note(message: &str) {
     print_message("note", AnsiColor::Cyan, message);
 }
 
+/// Prints what a command has done, as lines or as a JSON object, on stderr.
+fn print_done(lines: impl IntoIterator<Item = String>, object: impl FnOnce() -> serde_json::Value) {
+    match is_json() {
+        true => std::eprintln!("{}", object()),
+        false => lines.into_iter().for_each(|line| eprintln!("{line}")),
+    }
+}
+
 /// Prints a line on stderr: `error: ...`.
 fn print_message(kind: &str, color: AnsiColor, message: &str) {
+    if is_json() {
+        return std::eprintln!("{}", json!({ kind: message }));
+    }
     let style = Style::new().bold().fg_color(Some(color.into()));
     eprintln!("{style}{kind}:{style:#} {message}");
 }

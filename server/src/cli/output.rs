@@ -80,8 +80,9 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that a result of about this size, in bytes, has room where it will be written.
-pub fn check_room(path: &Path, expected: u64) -> Result<(), Failure> {
+/// Checks that a result of this size at most, or results of this size together, in bytes, has room where it will be
+/// written.
+pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
     let Destination::File(target) = Destination::to(path) else { return Ok(()) };
     let folder = files::folder_of(&target);
     let free = match failpoints::at("output-room") {
@@ -89,11 +90,11 @@ pub fn check_room(path: &Path, expected: u64) -> Result<(), Failure> {
         Err(_) => Some(0),
     };
     match free {
-        Some(free) if free < expected => {
+        Some(free) if free < most => {
             let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             let what = format!(
-                "the result will take about {} MiB, but the disk of {} has {} MiB left",
-                mib(expected),
+                "up to {} MiB will be written, but the disk of {} has {} MiB left",
+                mib(most),
                 folder.display(),
                 mib(free)
             );

@@ -1,18 +1,22 @@
 //! `cairn plan`: summarizes a bake, and estimates the cost of each accuracy.
 
 use super::check::{PlanArgs, describe};
+use super::remote::{self, ConnectionArgs};
 use super::summary::length;
-use super::{Failure, print};
+use super::{Failure, interrupt, print};
+use crate::model::export::Format;
+use crate::scene_file;
 use crate::wire::to_proto;
 use cairn_core::prepare::estimate::Estimate;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::Duration;
 
 /// Summarizes the bake and estimates the cost of each accuracy
 ///
 /// Reads the scene and all its files without simulating them; a short test measures the speed of this machine. JSON
-/// output has notes, plan and estimates.
+/// output has notes, plan, estimates, and the size of a result at most, by its format.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -21,20 +25,64 @@ Examples:
 pub struct Args {
     #[command(flatten)]
     plan: PlanArgs,
+
+    /// Plan on a server, with the cost there: HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", help_heading = "Server")]
+    server: Option<String>,
+
+    #[command(flatten)]
+    connection: ConnectionArgs,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    args.plan.bounds.enforce(|| plan(&args.plan))
+    match &args.server {
+        Some(server) => on_server(args, server),
+        None => args.plan.bounds.enforce(|| plan(&args.plan)),
+    }
+}
+
+/// The plan that a server makes.
+fn on_server(args: &Args, server: &str) -> Result<(), Failure> {
+    interrupt::listen();
+    let tree = args.plan.tree()?;
+    let files = remote::Files::read(&tree)?;
+    let plan = remote::plan(&args.connection.at(server)?, tree.to_message(), &files)?;
+    if args.plan.json {
+        return print(&format!("{:#}\n", scene_file::json_of("cairn.v1.Plan", &plan)));
+    }
+    let mut text = String::from("The scene can be baked there.\n");
+    let mut line = |name: &str, value: String| writeln!(text, "  {name:<22}{value}").expect("a string takes all");
+    line("bodies", format!("about {}", plan.expected_body_count));
+    line("steps", format!("about {}", plan.expected_step_count));
+    line("prop diameter", format!("{:.3} m", plan.prop_diameter));
+    line("result", format!("up to {:.1} MiB", plan.most_result_bytes as f64 / f64::from(1 << 20)));
+    for estimate in &plan.estimates {
+        let name = estimate.accuracy().as_str_name().trim_start_matches("ACCURACY_").to_lowercase();
+        let (cpu, wall) = (estimate.cpu_seconds.ceil(), estimate.wall_seconds.ceil());
+        line(&name, format!("{cpu} CPU s, {wall} s from start to result"));
+    }
+    for warning in plan.warnings {
+        line("note", warning);
+    }
+    print(&text)
 }
 
 fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let (job, plan) = args.read()?;
     let estimates = job.estimates()?;
     if args.json {
-        return print(&format!("{:#}\n", json!({ "notes": job.notes, "plan": plan, "estimates": estimates })));
+        let sizes: BTreeMap<&str, u64> =
+            Format::ALL.iter().map(|format| (format.extension(), job.most_bytes(&plan, *format))).collect();
+        let object = json!({
+            "notes": job.notes,
+            "plan": plan,
+            "estimates": estimates,
+            "most_result_bytes": sizes,
+        });
+        return print(&format!("{object:#}\n"));
     }
     let own = estimates.iter().find(|estimate| estimate.accuracy == job.params.accuracy);
-    print(&(describe(&plan, &job.notes, own) + &price_list(&estimates, own)))
+    print(&(describe(&plan, &job.notes, own, args.verbose) + &price_list(&estimates, own)))
 }
 
 /// The expected cost and errors of each accuracy.

@@ -3,6 +3,7 @@
 use super::{Failure, interrupt, output, print, print_note, print_warning, table};
 use crate::sheet::{self, Candidate, SortKey, Thumbnail};
 use image::ImageFormat;
+use serde_json::{Value, json};
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
@@ -43,6 +44,10 @@ pub struct Args {
     #[arg(long)]
     no_sheet: bool,
 
+    /// Print the ranking as JSON: place, result, and all figures
+    #[arg(long)]
+    json: bool,
+
     /// Limit of the results embedded in the page for its 3-D view, first ones first
     #[arg(long, value_name = "MIB", default_value_t = 256)]
     embed_mib: usize,
@@ -77,7 +82,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if !args.no_sheet {
         write(args, candidates, &keys, &shown, &page, &picture)
     } else {
-        print(&ranking(candidates.iter(), &shown))
+        print(&ranking(args, candidates.iter(), &shown))
     }
 }
 
@@ -125,12 +130,19 @@ fn write(
         output::write(picture, png.get_ref())?;
         output::write(page, html.as_bytes())?;
     }
-    print(&ranking(entries.iter().map(|(candidate, _)| candidate), shown))?;
+    print(&ranking(args, entries.iter().map(|(candidate, _)| candidate), shown))?;
     print_note(&format!("wrote {} and {}", page.display(), picture.display()));
     Ok(())
 }
 
-fn ranking<'a>(candidates: impl Iterator<Item = &'a Candidate>, shown: &[String]) -> String {
+fn ranking<'a>(args: &Args, candidates: impl Iterator<Item = &'a Candidate>, shown: &[String]) -> String {
+    if args.json {
+        let object = |(number, one): (usize, &Candidate)| {
+            let place = number + 1;
+            json!({ "place": place, "result": one.path, "figures": one.figures })
+        };
+        return format!("{:#}\n", candidates.enumerate().map(object).collect::<Value>());
+    }
     let rows = candidates.enumerate().map(|(number, candidate)| {
         let figures = shown.iter().map(|figure| candidate.formatted(figure).unwrap_or_default());
         [(number + 1).to_string(), candidate.path.display().to_string()].into_iter().chain(figures).collect()

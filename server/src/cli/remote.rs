@@ -1,7 +1,7 @@
-//! Commands as clients of a server.
+//! Commands as clients of a server. Long: arguments, files and events are common to them.
 
 use super::progress::{ProgressArgs, Reporter};
-use super::{Failure, interrupt, output, print_warning, summary};
+use super::{Failure, interrupt, output, print_done, print_warning, summary};
 use crate::client::{Connection, Target};
 use crate::files;
 use crate::job::{self, InputFile, PortableNames, Refused};
@@ -10,14 +10,18 @@ use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
-use crate::wire::proto::{Artifact, AssetReference, BakeRequest, BakeSpec, Scene, Summary, bake_event::Kind};
+use crate::wire::proto::{
+    Artifact, AssetReference, BakeRequest, BakeSpec, OutputFormat, Plan, Scene, Summary, bake_event::Kind,
+};
 use crate::wire::to_proto::NOTES_FIELD;
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
 use prost::Message;
+use serde_json::json;
 use sha2::{Digest, Sha256};
 use std::cell::Cell;
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::future::Future;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -50,6 +54,19 @@ pub struct ConnectionArgs {
 }
 
 impl ConnectionArgs {
+    /// The arguments for another process. The token itself is in its environment.
+    pub fn to_args(&self) -> Vec<OsString> {
+        let files = [
+            ("--token-file", &self.token_file),
+            ("--tls-ca", &self.tls_ca),
+            ("--tls-certificate", &self.tls_certificate),
+            ("--tls-key", &self.tls_key),
+        ];
+        let files = files.into_iter().filter_map(|(flag, path)| Some([flag.into(), path.clone()?.into()])).flatten();
+        let route = self.route.iter().flat_map(|route| ["--route".into(), route.into()]);
+        files.chain(route).collect()
+    }
+
     /// The target for a server's address.
     pub fn at(&self, address: &str) -> Result<Target, Failure> {
         let read = |path: &Option<PathBuf>| path.as_deref().map(files::read).transpose();
@@ -82,7 +99,11 @@ pub struct RemoteBake {
 }
 
 impl RemoteBake {
-    fn target(&self) -> Result<Target, Failure> {
+    pub fn id(&self) -> &str {
+        &self.id
+    }
+
+    pub fn target(&self) -> Result<Target, Failure> {
         self.connection.at(&self.server)
     }
 }
@@ -107,7 +128,16 @@ pub struct QueueArgs {
     priority: Option<i32>,
 }
 
-fn label(text: &str) -> Result<(String, String), String> {
+impl QueueArgs {
+    /// The arguments for another process.
+    pub fn to_args(&self) -> Vec<OsString> {
+        let labels = self.labels.iter().map(|(name, value)| format!("--label={name}={value}"));
+        let priority = self.priority.map(|priority| format!("--priority={priority}"));
+        labels.chain(priority).map(OsString::from).collect()
+    }
+}
+
+pub fn label(text: &str) -> Result<(String, String), String> {
     let (key, value) = text.split_once('=').ok_or("it has no `=`; write KEY=VALUE")?;
     Ok((key.to_owned(), value.to_owned()))
 }
@@ -219,23 +249,34 @@ pub fn bake(
         let baked = {
             let mut connection = server.clone();
             // Before it is accepted, the bake has no id by which to cancel it.
-            let is_accepted = Cell::new(false);
+            let (is_accepted, has_no_room) = (Cell::new(false), Cell::new(false));
             let bake = connection.bake(request, |event| {
                 follower.event(event.kind);
                 is_accepted.set(!follower.id.is_empty());
+                has_no_room.set(follower.no_room.is_some());
             });
             tokio::select! {
+                biased;
+                () = when(|| has_no_room.get() || interrupt::is_requested() && is_accepted.get()) => None,
                 baked = bake => Some(baked),
-                () = interrupted(|| is_accepted.get()) => None,
             }
         };
         match baked {
             Some(baked) => follower.end(baked, &mut server).await,
             None => {
                 server.cancel(&follower.id).await?;
-                Err(Failure::Cancelled)
+                Err(follower.no_room.unwrap_or(Failure::Cancelled))
             }
         }
+    })
+}
+
+/// The plan of a scene on a server.
+pub fn plan(target: &Target, scene: Scene, files: &Files) -> Result<Plan, Failure> {
+    let (spec, contents) = (files.spec(scene), files.contents.clone());
+    ask(target, async move |mut server| {
+        server.upload(&contents).await?;
+        Ok(server.plan(spec).await?.plan.unwrap_or_default())
     })
 }
 
@@ -244,13 +285,29 @@ pub fn watch(bake: &RemoteBake, delivery: &Delivery) -> Result<(), Failure> {
     let target = bake.target()?;
     talk(async {
         let mut server = Connection::open(&target).await?;
+        if let Some(output) = delivery.output {
+            check_format(output, server.status(&bake.id).await?.format())?;
+        }
         let mut follower = BakeFollower::new(delivery);
         let watched = tokio::select! {
             watched = server.watch(&bake.id, |event| follower.event(event.kind)) => watched,
-            () = interrupted(|| true) => return Err(Failure::Cancelled),
+            () = when(interrupt::is_requested) => return Err(Failure::Cancelled),
         };
         follower.end(watched, &mut server).await
     })
+}
+
+/// Checks that a result may have this name. `format`: of the bake, if the server states it.
+fn check_format(output: &Path, format: OutputFormat) -> Result<(), Failure> {
+    let named = Format::of(output);
+    let is_right = output::is_stdout(output) || named == Some(Format::from_wire(format));
+    if is_right || format == OutputFormat::Unspecified {
+        return Ok(());
+    }
+    let extension = Format::from_wire(format).extension();
+    let what = format!("the bake has a .{extension}, which must not have this name");
+    let remedy = format!("End the name in .{extension}; for another format, bake it by cairn bake --server.");
+    Err(Failure::input(Problem::at(output, what, remedy)))
 }
 
 /// `cairn cancel`.
@@ -259,14 +316,25 @@ pub fn cancel(bake: &RemoteBake) -> Result<(), Failure> {
     talk(async { Ok(Connection::open(&target).await?.cancel(&bake.id).await?) })
 }
 
+/// Asks a server. Ctrl-C ends the asking.
+pub fn ask<T>(target: &Target, question: impl AsyncFnOnce(Connection) -> Result<T, Status>) -> Result<T, Failure> {
+    talk(async {
+        let server = Connection::open(target).await?;
+        tokio::select! {
+            answer = question(server) => Ok(answer?),
+            () = when(interrupt::is_requested) => Err(Failure::Cancelled),
+        }
+    })
+}
+
 fn talk<T>(talk: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     runtime.map_err(|error| Failure::Internal(error.to_string()))?.block_on(talk)
 }
 
-/// Waits for Ctrl-C, and until it may take effect.
-async fn interrupted(may_count: impl Fn() -> bool) {
-    while !(interrupt::is_requested() && may_count()) {
+/// Waits until this is so.
+async fn when(is_so: impl Fn() -> bool) {
+    while !is_so() {
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
@@ -278,20 +346,24 @@ struct BakeFollower<'a> {
     began: Instant,
     id: String,
     summary: Option<Summary>,
+    /// The result will have no room here.
+    no_room: Option<Failure>,
 }
 
 impl<'a> BakeFollower<'a> {
     fn new(delivery: &'a Delivery) -> BakeFollower<'a> {
         let reporter = Reporter::new(delivery.progress.shown());
-        BakeFollower { delivery, reporter, began: Instant::now(), id: String::new(), summary: None }
+        BakeFollower { delivery, reporter, began: Instant::now(), id: String::new(), summary: None, no_room: None }
     }
 
     fn event(&mut self, kind: Option<Kind>) {
         match kind {
             Some(Kind::Accepted(accepted)) => {
                 self.id = accepted.bake_id;
+                let most = accepted.plan.map_or(0, |plan| plan.most_result_bytes.unsigned_abs());
+                self.no_room = self.delivery.output.and_then(|output| output::check_room(output, most).err());
                 if !self.delivery.progress.quiet {
-                    anstream::eprintln!("bake {}", self.id);
+                    print_done([format!("bake {}", self.id)], || json!({ "bake": self.id }));
                 }
             }
             Some(Kind::Progress(progress)) => {
@@ -345,9 +417,7 @@ impl<'a> BakeFollower<'a> {
         let counted = |name: &str| summary.counts.get(name).map_or(0, |&count| u64::try_from(count).unwrap_or(0));
         let (bodies, frames) = (count(summary.body_count), count(summary.frame_count));
         let name = output.unwrap_or(Path::new("the pile"));
-        for line in summary::lines(bodies, frames, measure, counted, self.began.elapsed().as_secs_f64(), name) {
-            anstream::eprintln!("{line}");
-        }
+        summary::print(bodies, frames, measure, counted, self.began.elapsed().as_secs_f64(), name);
         Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! The arguments that describe a scene, for all commands: a scene file, flags, or both.
 
-use super::Failure;
+use super::{Failure, output};
 use crate::files::is_model_file;
 use crate::job::provenance;
 use crate::model::export::Format;
@@ -9,12 +9,14 @@ use crate::scene_file::SceneTree;
 use crate::wire::to_proto;
 use serde_json::{Value, json};
 use std::ffi::OsString;
+use std::io::Read;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 #[derive(clap::Args)]
 pub struct SceneArgs {
     /// Scene file (.toml or .json), as written by `cairn scene`, or a result (.glb, .usdc, .usda, .usdz), which holds
-    /// its scene. The flags below override it
+    /// its scene; - is a scene file on the standard input. The flags below override it
     pub scene: Option<PathBuf>,
 
     /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome)
@@ -65,11 +67,31 @@ pub fn is_result(path: &Path) -> bool {
     Format::of(path).is_some_and(Format::states_origin)
 }
 
+/// The scene file on the standard input, read once. Its paths are relative to the current folder.
+fn from_stdin() -> Result<SceneTree, Failure> {
+    static CONTENT: OnceLock<Result<Vec<u8>, String>> = OnceLock::new();
+    let read = || {
+        let (mut bytes, mut input) = (Vec::new(), std::io::stdin().lock().take(MOST_STDIN));
+        input.read_to_end(&mut bytes).map(|_| bytes).map_err(|error| error.to_string())
+    };
+    let bytes = CONTENT
+        .get_or_init(read)
+        .as_ref()
+        .map_err(|error| Failure::input(Problem::new("the standard input", error.clone(), "Name a scene file.")))?;
+    let is_json = bytes.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'{');
+    let name = if is_json { "stdin.json" } else { "stdin.toml" };
+    SceneTree::read(Path::new(name), bytes).map_err(Failure::Input)
+}
+
+/// The largest scene on the standard input, bytes, as of a scene file.
+const MOST_STDIN: u64 = 1 << 30;
+
 impl SceneArgs {
     /// The scene file, then the flags, then `--set`, each over what came before.
     pub fn tree(&self) -> Result<SceneTree, Failure> {
         let mut tree = match &self.scene {
             Some(path) if is_result(path) => provenance::scene(path, self.assets.as_deref()).map_err(Failure::Input)?,
+            Some(path) if output::is_stdout(path) => from_stdin()?,
             Some(path) => SceneTree::load(path).map_err(Failure::Input)?,
             None if self.control.is_none() && self.props.is_empty() && self.set.is_empty() => {
                 let remedy = "Give a scene file, or --control and --prop; see --help for examples.";

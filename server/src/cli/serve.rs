@@ -116,6 +116,14 @@ pub struct Args {
     #[arg(long, value_name = "HOST:PORT", env = "CAIRN_METRICS")]
     metrics: Option<SocketAddr>,
 
+    /// Program that runs when a bake has ended, with the bake's status as JSON on its standard input [default: none]
+    #[arg(long, value_name = "PROGRAM", env = "CAIRN_HOOK")]
+    hook: Option<PathBuf>,
+
+    /// File with the key of the signature in the hook's variable CAIRN_SIGNATURE: HMAC-SHA256 of that input
+    #[arg(long, value_name = "FILE", env = "CAIRN_HOOK_KEY_FILE")]
+    hook_key_file: Option<PathBuf>,
+
     /// Form of the log lines on stderr; RUST_LOG selects them [default: text]
     #[arg(long, value_parser = ["text", "json"], env = "CAIRN_LOG")]
     log: Option<String>,
@@ -163,7 +171,7 @@ impl Args {
                 };
                 Problem::new(place, error.to_string(), remedy)
             };
-            Failure::Usage(errors.into_iter().map(problem).collect())
+            Failure::Settings(errors.into_iter().map(problem).collect())
         })?;
         Ok(Config { worker_program: self.worker_program.clone(), ..config })
     }
@@ -182,18 +190,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .build()
         .map_err(|error| Failure::Internal(error.to_string()))?;
     runtime.block_on(async {
-        let secrets = Secrets::read(&config, token).map_err(Failure::Usage)?;
-        let listeners = listen::bind(&config, &secrets).await.map_err(Failure::Usage)?;
+        let secrets = Secrets::read(&config, token).map_err(Failure::Settings)?;
+        let listeners = listen::bind(&config, &secrets).await?;
         let store = serve::open_store(&config)?;
-        telemetry::metrics(&config).map_err(|error| {
+        let metrics = telemetry::metrics(&config).await.map_err(|error| {
             let remedy = "Choose a free port and an address of this machine.";
-            Failure::usage("metrics", error.to_string(), remedy)
+            Failure::Unavailable(vec![Problem::new("metrics", error.to_string(), remedy)])
         })?;
         let (end, reload) = (shutdown_request()?, reload_request()?);
         for listener in &listeners {
             print(&format!("{}\n", listener.address()))?;
         }
-        Ok(serve::run(listeners, end, reload, config, secrets, store).await?)
+        Ok(serve::run(listeners, end, reload, config, secrets, store, metrics).await?)
     })
 }
 
@@ -248,7 +256,7 @@ fn reload_request() -> Result<Arc<Notify>, Failure> {
 impl From<ServeError> for Failure {
     fn from(error: ServeError) -> Failure {
         match error {
-            ServeError::Settings(problems) => Failure::Usage(problems),
+            ServeError::InUse(problem) => Failure::Unavailable(vec![problem]),
             ServeError::Failed(what) => {
                 Failure::TryAgain(Problem::new("the server", what, "See the log, and restart the server."))
             }

@@ -1,9 +1,24 @@
 //! The summary that ends a bake, in a few lines.
 
+use super::print_done;
+use serde_json::json;
 use std::path::Path;
 
+/// Prints the summary: its lines, or an object of result, bodies, frames and seconds.
+pub fn print(
+    bodies: usize,
+    frames: usize,
+    measure: impl Fn(&str) -> Option<f64>,
+    counted: impl Fn(&str) -> u64,
+    seconds: f64,
+    output: &Path,
+) {
+    let object = || json!({ "result": output, "bodies": bodies, "frames": frames, "seconds": seconds });
+    print_done(lines(bodies, frames, measure, counted, seconds, output), object);
+}
+
 /// The lines of the summary. `measure` and `counted` return the report's measures and counts by name.
-pub fn lines(
+fn lines(
     bodies: usize,
     frames: usize,
     measure: impl Fn(&str) -> Option<f64>,

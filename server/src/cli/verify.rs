@@ -9,6 +9,7 @@ use crate::job::reuse::BakeCache;
 use crate::job::{FinishedBake, Job, machine, provenance};
 use crate::model::export::{Encoded, Format};
 use crate::problem::Problem;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 
 /// Bakes results again and compares every byte
@@ -37,7 +38,11 @@ pub struct Args {
 
     /// Form of the progress on stderr
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
-    progress: Mode,
+    pub progress: Mode,
+
+    /// Print a JSON object for each result, one per line: result, same, difference
+    #[arg(long)]
+    json: bool,
 
     #[command(flatten)]
     bounds: Bounds,
@@ -54,7 +59,11 @@ fn verify_all(args: &Args) -> Result<(), Failure> {
     for path in sample(&args.results, args.sample) {
         let difference = verify(args, path)?;
         is_same &= difference.is_none();
-        print(&format!("{}: {}\n", path.display(), difference.as_deref().unwrap_or("the same")))?;
+        let object = || json!({ "result": path, "same": difference.is_none(), "difference": difference });
+        print(&match args.json {
+            true => format!("{}\n", object()),
+            false => format!("{}: {}\n", path.display(), difference.as_deref().unwrap_or("the same")),
+        })?;
     }
     if is_same { Ok(()) } else { Err(Failure::Reported(1)) }
 }

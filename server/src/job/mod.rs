@@ -1,5 +1,6 @@
 //! A scene with all its files read, and its bake, for the command line and the service.
 
+mod idle;
 pub mod machine;
 pub mod pace;
 pub mod provenance;
@@ -57,19 +58,13 @@ impl Job {
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 
-    /// About the size of the result, bytes: less than it will be rather than more, so that no bake is refused that has
-    /// room. For that, the motion counts as that of a pile which hardly moves.
-    pub fn expected_bytes(&self, plan: &Plan, format: Format) -> u64 {
-        /// Of a body's node and its animation in the JSON of a `.glb`.
-        const BODY: u64 = 300;
-        /// Of a body in one frame of a table.
-        const ROW: u64 = 60;
-        let bodies = plan.expected_bodies as u64;
-        if format.states_origin() {
-            self.model_bytes as u64 + BODY * bodies
-        } else {
-            ROW * bodies * u64::from(self.params.output.frames.unwrap_or(0) + 1)
-        }
+    /// The size of the result at most, bytes, unless the pile comes to rest much later than usual: as if every body
+    /// moved in every frame.
+    pub fn most_bytes(&self, plan: &Plan, format: Format) -> u64 {
+        let (bodies, frames) = (plan.expected_bodies as u64, plan.most_frames as u64);
+        let size = format.size();
+        let models = if format.states_origin() { self.model_bytes as u64 } else { 0 };
+        size.file + models + bodies * (size.body + frames * size.pose)
     }
 
     /// The files of the scene, where they lie.

@@ -38,7 +38,8 @@ impl Job {
         reader.problems.extend(problems);
         let effective = effective(scene, &params);
         let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
-        if control.is_none() && scene.bodies.is_empty() && scene.emitters.is_empty() {
+        let has_container = scene.fill.as_ref().is_some_and(|fill| fill.into.is_some());
+        if control.is_none() && !has_container && scene.bodies.is_empty() && scene.emitters.is_empty() {
             let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
             let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
             reader.problems.push(problem.of_field("control_mesh"));
@@ -49,11 +50,11 @@ impl Job {
             reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
         }
         let read: Vec<_> = effective.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
-        let (props, prop_models): (Vec<Reference>, _) = read.into_iter().unzip();
+        let (props, prop_models): (Vec<Reference>, Vec<Prop>) = read.into_iter().unzip();
         let mut extra = ExtraBodies::new(&effective, params.output.fps);
         let statics = effective.statics.iter().enumerate();
         let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, extra.keys(i, model))).collect();
-        let (statics, static_models): (Vec<Reference>, _) = read.into_iter().unzip();
+        let (statics, static_models): (Vec<Reference>, Vec<StaticModel>) = read.into_iter().unzip();
         let bodies = effective.bodies.iter().enumerate().map(|(i, body)| extra.body(i, body)).collect();
         let emitter = |(i, emitter): (usize, &proto::Emitter)| {
             let place = |mesh: &String| EmitterVolume::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
@@ -67,7 +68,13 @@ impl Job {
             from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
         });
         let ladder = ladder.collect();
+        let control = match effective.fill.as_ref().and_then(|fill| fill.into.as_ref()) {
+            Some(name) => reader.inside(name, control, &effective.statics, &static_models, (&prop_models, &params)),
+            None => control,
+        };
+        let given = scene;
         let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
+        reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
             return Err(Refused { problems: reader.problems, notes: reader.notes });
@@ -210,8 +217,59 @@ impl SceneReader {
         None
     }
 
+    /// The inside of a piece of scenery that has this path, file name or node, as the shape to fill.
+    fn inside(
+        &mut self,
+        name: &str,
+        control: Option<Model>,
+        statics: &[proto::StaticModel],
+        models: &[StaticModel],
+        (props, params): (&[Prop], &Params),
+    ) -> Option<Model> {
+        let mut problem = |what: String, remedy: String| {
+            self.problems.push(Problem::new("fill.into", what, remedy).of_field("fill.into"));
+            None
+        };
+        if control.is_some() {
+            let what = "there is a control mesh, too".into();
+            return problem(what, "Leave one of control_mesh and fill.into out.".into());
+        }
+        let is_meant = |path: &str| {
+            let (file, node) = path.split_once('#').map_or((path, None), |(file, node)| (file, Some(node)));
+            let file = file.rsplit(['/', '\\']).next().unwrap_or(file);
+            let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
+            path == name || file == name || node == Some(name) || node.is_none() && stem == name
+        };
+        let found: Vec<usize> = (0..statics.len()).filter(|&i| is_meant(&statics[i].path)).collect();
+        let all = || statics.iter().map(|model| &*model.path).collect::<Vec<_>>().join(", ");
+        let &[index] = found.as_slice() else {
+            return match (found.len(), statics.len()) {
+                (_, 0) => problem(format!("there is no scenery {name}"), "Give it by --static, or as statics.".into()),
+                (0, _) => problem(format!("no scenery is called {name}"), format!("Name one of {}.", all())),
+                _ => problem(format!("{name} means several pieces of scenery"), format!("Name one of {}.", all())),
+            };
+        };
+        if models[index].model.mesh.triangles.is_empty() || props.iter().any(|prop| prop.model.mesh.points.is_empty()) {
+            // It could not be read: that is the problem.
+            return Some(Model::default());
+        }
+        match cairn_core::prepare::inside::inside(&models[index], &params.fill, props) {
+            Ok(model) => Some(model),
+            Err(text) => {
+                let (what, remedy) = text.rsplit_once("; ").unwrap_or((&text, ""));
+                problem(what.into(), format!("{}.", capital(remedy)))
+            }
+        }
+    }
+
     fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Keyframe>) -> (Reference, StaticModel) {
         let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
         (reference, StaticModel { model, friction: given.friction(), keys })
     }
+}
+
+/// A sentence's beginning.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }

@@ -165,4 +165,33 @@ mod tests {
         // Rounding of sums.
         assert!(parts <= reported + 1e-9, "{parts} of {reported}");
     }
+
+    /// A pile that falls, one that is glued, and one of two frames: no result is larger than was said before the bake,
+    /// nor much smaller.
+    #[test]
+    fn the_size_of_a_result_is_bounded_before_the_bake() {
+        let asset = |name| format!("{}/examples/assets/{name}", env!("CARGO_MANIFEST_DIR"));
+        for (assignments, slack) in
+            [(["control=off", "seed=1"], 12), (["glue=as_modelled", "seed=1"], 60), (["output.frames=1", "seed=2"], 12)]
+        {
+            let mut tree = SceneTree::from_message(&proto::Scene {
+                control_mesh: Some(proto::ControlMesh { path: asset("cone-small.glb") }),
+                props: vec![proto::Prop { path: asset("stick.glb"), ..Default::default() }],
+                ..Default::default()
+            });
+            for assignment in ["accuracy=draft", "fill.count=30"].iter().chain(&assignments) {
+                tree.set(assignment).unwrap();
+            }
+            let job = Job::read(&tree.to_message()).unwrap();
+            let plan = cairn_core::plan(&job.scene, &job.params).unwrap();
+            let done = job.run(Format::Csv, "pile.csv", &mut BakeCache::none(), &mut CpuClock).unwrap();
+            let origin = request::origin(&job.request(Format::Csv), done.hash);
+            for format in Format::ALL {
+                let scene = job.export_scene(&origin, Some(&done.bake.report.measures));
+                let size = export::encode(format, &done.bake.pile, &scene).unwrap().bytes.len() as u64;
+                let most = job.most_bytes(&plan, format);
+                assert!(size <= most && most <= slack * size, "{format:?}, {assignments:?}: {size} bytes of {most}");
+            }
+        }
+    }
 }

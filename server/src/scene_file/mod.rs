@@ -17,6 +17,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 pub use text::from_f64 as number;
 
+/// A message as JSON, with the schema's own names. `name`: of its type.
+pub fn json_of(name: &str, message: &impl Message) -> Value {
+    let descriptor = schema::pool().get_message_by_name(name).expect("the schema has it");
+    let dynamic =
+        DynamicMessage::decode(descriptor, &message.encode_to_vec()[..]).expect("the message is of this schema");
+    let options = SerializeOptions::new().stringify_64_bit_integers(false).use_proto_field_name(true);
+    dynamic.serialize_with_options(serde_json::value::Serializer, &options).expect("every message has a JSON mapping")
+}
+
 /// A scene as written, checked against the schema. Paths in it are relative to the current directory.
 #[derive(Clone, Debug)]
 pub struct SceneTree {

@@ -32,6 +32,9 @@ pub enum CallerRole {
     Artist,
     /// Ends and deletes all bakes, and may give its own bakes priority over others.
     Operator,
+    /// Without a file of callers: an operator who leaves a bake to others that want it, too.
+    #[serde(skip)]
+    Anybody,
 }
 
 /// Limits of one caller; `None`: only the server's own limits.
@@ -46,19 +49,19 @@ pub struct CallerLimits {
 }
 
 impl Caller {
-    /// An operator without limits.
+    /// Anybody, without limits.
     pub fn named(name: &str) -> Caller {
-        Caller { name: name.into(), role: CallerRole::Operator, limits: CallerLimits::default() }
+        Caller { name: name.into(), role: CallerRole::Anybody, limits: CallerLimits::default() }
     }
 
-    /// Whether it may end and delete the bakes of `owner`.
-    pub fn may_change(&self, owner: &str) -> bool {
-        self.role == CallerRole::Operator || *self.name == *owner
+    /// Whether it may end and delete the bakes of all.
+    pub fn is_operator(&self) -> bool {
+        self.role != CallerRole::Artist
     }
 
     /// The highest priority that its bakes may have.
     pub fn highest_priority(&self) -> i32 {
-        if self.role == CallerRole::Operator { LAST_PRIORITY } else { 0 }
+        if self.is_operator() { LAST_PRIORITY } else { 0 }
     }
 }
 

@@ -6,15 +6,42 @@ use std::future::Future;
 use std::pin::Pin;
 use std::sync::{Arc, OnceLock};
 use std::task::{Context, Poll};
-use std::time::Instant;
+use std::time::{Duration, Instant};
+use tokio::sync::watch;
 use tonic::body::Body;
 use tonic::codegen::{Body as HttpBody, Service, StdError, http};
 use tonic::server::NamedService;
 use tracing::info;
 
-/// Logs the calls of a service. It wraps the authentication, so that refused calls are logged, too.
+/// Logs and counts the calls of a service. It wraps the authentication, so that refused calls are logged, too.
 #[derive(Clone)]
-pub struct Audit<S>(pub S);
+pub struct Audit<S> {
+    pub service: S,
+    pub open: Arc<OpenCalls>,
+}
+
+/// The number of calls that have not ended.
+#[derive(Default)]
+pub struct OpenCalls(watch::Sender<usize>);
+
+impl OpenCalls {
+    pub fn are_some(&self) -> bool {
+        *self.0.borrow() > 0
+    }
+
+    /// Resolves once no call has been open for a while: a caller whose bake has ended fetches its report and its result
+    /// one after the other.
+    pub async fn all_ended(&self) {
+        const WHILE: Duration = Duration::from_secs(1);
+        let mut count = self.0.subscribe();
+        loop {
+            let _ = count.wait_for(|count| *count == 0).await;
+            if tokio::time::timeout(WHILE, count.changed()).await.is_err() {
+                return;
+            }
+        }
+    }
+}
 
 /// Details for a call's log line, kept in the call's extensions and filled in while the call is processed.
 #[derive(Default)]
@@ -46,6 +73,7 @@ struct Call {
     known: Arc<CallDetails>,
     /// The gRPC status code that was sent. `None`: the caller left before.
     status: Option<String>,
+    open: Arc<OpenCalls>,
 }
 
 impl Call {
@@ -59,6 +87,7 @@ impl Call {
 impl Drop for Call {
     fn drop(&mut self) {
         const CANCELLED: &str = "1";
+        self.open.0.send_modify(|count| *count -= 1);
         let CallDetails { caller, bake } = &*self.known;
         info!(
             target: "cairn::audit",
@@ -88,15 +117,16 @@ where
     type Future = Pin<Box<dyn Future<Output = Result<Self::Response, S::Error>> + Send>>;
 
     fn poll_ready(&mut self, context: &mut Context<'_>) -> Poll<Result<(), S::Error>> {
-        self.0.poll_ready(context)
+        self.service.poll_ready(context)
     }
 
     fn call(&mut self, mut request: http::Request<Sent>) -> Self::Future {
         let known = Arc::<CallDetails>::default();
         request.extensions_mut().insert(known.clone());
         let name = request.uri().path().rsplit('/').next().unwrap_or_default().to_owned();
-        let mut call = Call { name, began: Instant::now(), known, status: None };
-        let answer = self.0.call(request);
+        self.open.0.send_modify(|count| *count += 1);
+        let mut call = Call { name, began: Instant::now(), known, status: None, open: self.open.clone() };
+        let answer = self.service.call(request);
         Box::pin(async move {
             let answer = answer.await?;
             // A status before the first message is in the headers, one after the last message in the trailers.

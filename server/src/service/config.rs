@@ -52,6 +52,10 @@ pub struct Config {
     pub users: Option<PathBuf>,
     /// HTTP address of the Prometheus metrics, `HOST:PORT`. Default: none.
     pub metrics: Option<SocketAddr>,
+    /// Program that runs when a bake has ended, with the bake's status as JSON on its standard input. Default: none.
+    pub hook: Option<PathBuf>,
+    /// File with the key of the signature that the hook gets, HMAC-SHA256 of that input. Default: none.
+    pub hook_key_file: Option<PathBuf>,
     /// `text` or `json`. Default: text.
     pub log: LogForm,
     /// The program whose command `worker` bakes. Default: this one.
@@ -99,6 +103,8 @@ impl Default for Config {
             drain_seconds: 30,
             users: None,
             metrics: None,
+            hook: None,
+            hook_key_file: None,
             log: LogForm::Text,
             worker_program: None,
         }

@@ -23,7 +23,7 @@ impl InProcess {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let config = Config { data: data.to_owned(), asset_mib: 1, ..Config::default() };
         let store = Store::open(&config)?;
-        let service = PileServiceServer::new(Service::new(Bakes::new(config, store)));
+        let service = PileServiceServer::new(Service::new(Bakes::new(config, store, None)));
         Ok(InProcess { runtime, service: service.accept_compressed(CompressionEncoding::Gzip) })
     }
 

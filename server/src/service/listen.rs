@@ -29,23 +29,35 @@ impl Listener {
     }
 }
 
+/// Why a server cannot listen.
+pub struct BindError {
+    pub problems: Vec<Problem>,
+    /// The settings are right, but other programs hold the addresses.
+    pub is_taken: bool,
+}
+
 /// Binds the sockets of the settings. Refuses a port that other machines can reach without credentials.
-pub async fn bind(config: &Config, secrets: &Secrets) -> Result<Vec<Listener>, Vec<Problem>> {
-    let (mut listeners, mut problems) = (Vec::new(), Vec::new());
+pub async fn bind(config: &Config, secrets: &Secrets) -> Result<Vec<Listener>, BindError> {
+    let (mut listeners, mut problems, mut is_taken) = (Vec::new(), Vec::new(), true);
     for address in &config.listen {
         match bind_one(address, secrets).await {
             Ok(listener) => listeners.push(listener),
-            Err(problem) => problems.push(problem),
+            Err((problem, taken)) => {
+                problems.push(problem);
+                is_taken &= taken;
+            }
         }
     }
     if config.listen.is_empty() {
+        is_taken = false;
         problems.push(Problem::new("listen", "there is no address", "Give one, such as 127.0.0.1:50151."));
     }
-    if problems.is_empty() { Ok(listeners) } else { Err(problems) }
+    if problems.is_empty() { Ok(listeners) } else { Err(BindError { problems, is_taken }) }
 }
 
-async fn bind_one(address: &str, secrets: &Secrets) -> Result<Listener, Problem> {
-    let fail = |what: String, remedy: &str| Problem::new(format!("listen {address}"), what, remedy);
+/// The listener of an address; or what is wrong, and whether only another program holds it.
+async fn bind_one(address: &str, secrets: &Secrets) -> Result<Listener, (Problem, bool)> {
+    let fail = |what: String, remedy: &str| (Problem::new(format!("listen {address}"), what, remedy), false);
     if let Some(path) = address.strip_prefix("unix:") {
         return bind_unix(Path::new(path.strip_prefix("//").unwrap_or(path)))
             .map_err(|error| fail(error.to_string(), "Choose a path in a folder of your own."));
@@ -65,7 +77,10 @@ async fn bind_one(address: &str, secrets: &Secrets) -> Result<Listener, Problem>
         );
     }
     let remedy = "Choose a free port and an address of this machine.";
-    let listener = TcpListener::bind(&found[..]).await.map_err(|error| fail(error.to_string(), remedy))?;
+    let listener = TcpListener::bind(&found[..]).await.map_err(|error| {
+        let is_taken = error.kind() == std::io::ErrorKind::AddrInUse;
+        (fail(error.to_string(), remedy).0, is_taken)
+    })?;
     Ok(Listener::Tcp(listener))
 }
 

@@ -4,11 +4,13 @@
 mod access;
 mod audit;
 mod calls;
+pub mod codec;
 pub mod config;
 mod deadline;
 mod encryption;
 mod event_log;
 mod folder;
+mod hook;
 #[cfg(feature = "failpoints")]
 pub mod in_process;
 mod jobs;
@@ -19,6 +21,7 @@ mod scheduler;
 pub mod secrets;
 pub mod serve;
 mod status;
+pub mod status_json;
 mod store;
 pub mod telemetry;
 #[cfg(unix)]

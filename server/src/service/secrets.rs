@@ -4,6 +4,7 @@ use crate::problem::Problem;
 use crate::service::access::Access;
 use crate::service::config::Config;
 use crate::service::encryption;
+use crate::service::hook::Hook;
 use std::sync::Arc;
 
 pub struct Secrets {
@@ -12,13 +13,14 @@ pub struct Secrets {
     pub tls: Option<Arc<rustls::ServerConfig>>,
     /// The token where the settings name no file for it.
     pub token: Option<String>,
+    pub hook: Option<Hook>,
 }
 
 impl Secrets {
     pub fn read(config: &Config, token: Option<String>) -> Result<Secrets, Vec<Problem>> {
-        match (Access::read(config, token.clone()), encryption::read(config)) {
-            (Ok(access), Ok(tls)) => Ok(Secrets { access, tls, token }),
-            (access, tls) => Err(access.err().into_iter().chain(tls.err()).flatten().collect()),
+        match (Access::read(config, token.clone()), encryption::read(config), Hook::read(config)) {
+            (Ok(access), Ok(tls), Ok(hook)) => Ok(Secrets { access, tls, token, hook }),
+            (access, tls, hook) => Err(access.err().into_iter().chain(tls.err()).chain(hook.err()).flatten().collect()),
         }
     }
 }

@@ -2,23 +2,25 @@
 
 use crate::problem::Problem;
 use crate::service::access::{self, Access};
-use crate::service::audit::Audit;
+use crate::service::audit::{Audit, OpenCalls};
 use crate::service::calls::Service;
 use crate::service::config::Config;
 use crate::service::encryption;
 use crate::service::jobs::Bakes;
 use crate::service::listen::Listener;
 use crate::service::secrets::Secrets;
-use crate::service::status::Fault;
 use crate::service::store::Store;
+use crate::service::telemetry::Metrics;
 #[cfg(unix)]
 use crate::service::unix;
 use crate::service::users;
 use crate::wire::proto::pile_service_server::PileServiceServer;
 use std::future::Future;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::{Notify, watch};
+use tokio::time::Instant;
 use tokio_stream::StreamExt;
 use tokio_util::sync::CancellationToken;
 use tonic::Request;
@@ -42,15 +44,16 @@ const MAX_STREAMS_PER_CONNECTION: u32 = 2048;
 const KEEPALIVE: [Duration; 2] = [Duration::from_secs(30), Duration::from_secs(20)];
 /// Interval between checks of the data directory.
 const STORE_CHECK: Duration = Duration::from_secs(2);
-/// Time for callers to read the end of their streams after the last bake has ended.
+/// Time for callers to read the end of their streams, and to begin to fetch their results, after the last bake has
+/// ended.
 const FAREWELL: Duration = Duration::from_secs(5);
 
 /// Why a server does not start, or ends early.
 #[derive(Debug, thiserror::Error)]
 pub enum ServeError {
-    /// The settings are wrong.
-    #[error("{}", lines(.0))]
-    Settings(Vec<Problem>),
+    /// The data directory is in use, or cannot be used.
+    #[error("{0}")]
+    InUse(Problem),
     #[error("{0}")]
     Failed(String),
 }
@@ -70,12 +73,12 @@ impl From<tonic::transport::Error> for ServeError {
 pub fn open_store(config: &Config) -> Result<Store, ServeError> {
     Store::open(config).map_err(|error| {
         let remedy = "Choose another folder by --data, or end the server that uses it.";
-        ServeError::Settings(vec![Problem::at(&config.data, error.to_string(), remedy)])
+        ServeError::InUse(Problem::at(&config.data, error.to_string(), remedy))
     })
 }
 
-/// Serves until `shutdown`, then lets running bakes finish within the drain time. `reload` asks to read the secrets
-/// again.
+/// Serves until `shutdown`, then lets running bakes and open calls finish within the drain time; new work is refused.
+/// `reload` asks to read the secrets again.
 pub async fn run(
     listeners: Vec<Listener>,
     shutdown: impl Future<Output = ()>,
@@ -83,20 +86,26 @@ pub async fn run(
     config: Config,
     secrets: Secrets,
     store: Store,
+    metrics: Option<Metrics>,
 ) -> Result<(), ServeError> {
     let mut drain = Duration::from_secs(config.drain_seconds);
+    let (data, workers) = (config.data.display().to_string(), config.workers());
+    info!(version = crate::version::BUILD, data, workers, "starting");
     let users = config.users.clone();
-    let bakes = Bakes::new(config, store);
+    let bakes = Bakes::new(config, store, secrets.hook);
     bakes.restore().map_err(|error| ServeError::Failed(format!("the store cannot be read: {error}")))?;
     let keeper = tokio::spawn(bakes.clone().keep_limits());
 
     let (health, health_service) = tonic_health::server::health_reporter();
-    let watcher = tokio::spawn(report_health(bakes.clone(), health.clone()));
+    let is_ready = Arc::<AtomicBool>::default();
+    let watcher = tokio::spawn(report_health(bakes.clone(), health.clone(), is_ready.clone()));
+    let metrics = metrics.map(|metrics| tokio::spawn(metrics.serve(bakes.clone(), is_ready.clone())));
     let (access, access_now) = watch::channel(secrets.access.clone());
     let tls = secrets.tls.clone().map(watch::channel);
     let (tls, tls_now) = tls.unzip();
     let reloader = tokio::spawn(read_again(reload, bakes.clone(), secrets.token, access, tls));
-    let routes = routes(&bakes, &access_now)?.add_service(health_service);
+    let open = Arc::<OpenCalls>::default();
+    let routes = routes(&bakes, &access_now, &open)?.add_service(health_service);
 
     let closing = CancellationToken::new();
     let mut servers = tokio::task::JoinSet::new();
@@ -123,13 +132,21 @@ pub async fn run(
     watcher.abort();
     let _ = watcher.await;
     set_health(&health, ServingStatus::NotServing).await;
-    bakes.drain(drain).await;
+    is_ready.store(false, Ordering::Relaxed);
+    let until = Instant::now() + drain;
+    let is_used = open.are_some() || bakes.are_at_work();
+    bakes.drain(until).await;
+    if is_used {
+        // Callers read the end of their streams, and fetch their results.
+        let _ = tokio::time::timeout_at(until.max(Instant::now() + FAREWELL), open.all_ended()).await;
+    }
     closing.cancel();
     let farewell = async { while servers.join_next().await.is_some() {} };
     let _ = tokio::time::timeout(FAREWELL, farewell).await;
     servers.shutdown().await;
     keeper.abort();
     reloader.abort();
+    metrics.iter().for_each(tokio::task::JoinHandle::abort);
     sockets.iter().for_each(|path: &std::path::PathBuf| drop(std::fs::remove_file(path)));
     match failed {
         Some(Ok(Err(error))) => Err(error),
@@ -146,7 +163,7 @@ async fn set_health(health: &HealthReporter, status: ServingStatus) {
 }
 
 /// Reports the server as unhealthy while its data directory cannot be used.
-async fn report_health(bakes: Arc<Bakes>, health: HealthReporter) {
+async fn report_health(bakes: Arc<Bakes>, health: HealthReporter, is_ready: Arc<AtomicBool>) {
     let mut before = None;
     loop {
         let store = bakes.clone();
@@ -158,6 +175,7 @@ async fn report_health(bakes: Arc<Bakes>, health: HealthReporter) {
                 info!("the data directory can be used again");
             }
             set_health(&health, if fault.is_none() { ServingStatus::Serving } else { ServingStatus::NotServing }).await;
+            is_ready.store(fault.is_none(), Ordering::Relaxed);
             before = Some(fault.is_none());
         }
         tokio::time::sleep(STORE_CHECK).await;
@@ -188,12 +206,9 @@ async fn read_again(
 }
 
 /// The services. Health needs no credentials, because monitoring has none.
-fn routes(bakes: &Arc<Bakes>, access: &watch::Receiver<Access>) -> Result<Routes, ServeError> {
-    let (access, draining) = (access.clone(), bakes.clone());
-    let guard = move |request: Request<()>| {
-        let request = access::check(request, &access)?;
-        if draining.is_draining() { Err(Fault::ShuttingDown.into()) } else { Ok(request) }
-    };
+fn routes(bakes: &Arc<Bakes>, access: &watch::Receiver<Access>, open: &Arc<OpenCalls>) -> Result<Routes, ServeError> {
+    let access = access.clone();
+    let guard = move |request: Request<()>| access::check(request, &access);
     let reflection = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(DESCRIPTORS)
@@ -202,7 +217,7 @@ fn routes(bakes: &Arc<Bakes>, access: &watch::Receiver<Access>) -> Result<Routes
     let broken = |error: tonic_reflection::server::Error| ServeError::Failed(error.to_string());
     let pile = PileServiceServer::new(Service::new(bakes.clone()));
     let pile = pile.max_decoding_message_size(MAX_REQUEST).accept_compressed(CompressionEncoding::Gzip);
-    Ok(Routes::new(Audit(InterceptedService::new(pile, guard.clone())))
+    Ok(Routes::new(Audit { service: InterceptedService::new(pile, guard.clone()), open: open.clone() })
         .add_service(InterceptedService::new(reflection().build_v1().map_err(broken)?, guard.clone()))
         .add_service(InterceptedService::new(reflection().build_v1alpha().map_err(broken)?, guard)))
 }

@@ -1,7 +1,8 @@
-//! The data directory: assets by their content, and one folder per bake. Files appear complete or not at all.
+//! The data directory. Long: all that touches its files. Files appear complete or not at all.
 //!
 //! ```text
 //! lock                 held by the server that uses the directory
+//! version              of this layout
 //! assets/SHA256        one file per asset
 //! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.json; assets/ while it is unfinished
 //! partial/             files being written
@@ -28,6 +29,35 @@ use tracing::warn;
 const STATUS: &str = "status.binpb";
 /// The folder of the cache.
 pub const CACHE: &str = "cache";
+
+/// Version of the layout. A directory without one is of version 1, as the first servers made it.
+const VERSION: u64 = 1;
+
+/// Refuses a directory that a newer version has made, before anything in it changes, and writes the version into
+/// others.
+fn check_version(root: &Path) -> Result<()> {
+    let path = root.join("version");
+    let found = match fs::read_to_string(&path) {
+        // A crash may have left it empty.
+        Ok(text) if text.trim().is_empty() => VERSION,
+        Ok(text) => text.trim().parse().unwrap_or(0),
+        Err(error) if error.kind() == ErrorKind::NotFound => VERSION,
+        Err(error) => return Err(error),
+    };
+    if found != VERSION {
+        let what = format!(
+            "its layout has the version {found}, and this server (cairn {}) knows {VERSION}: use the server that made \
+             it, or another folder",
+            crate::version::VERSION
+        );
+        return Err(std::io::Error::new(ErrorKind::InvalidData, what));
+    }
+    if !path.is_file() {
+        failpoints::at("store-version")?;
+        fs::write(&path, format!("{VERSION}\n"))?;
+    }
+    Ok(())
+}
 
 /// An open data directory.
 pub struct Store {
@@ -60,6 +90,7 @@ impl Store {
             }
             TryLockError::Error(error) => error,
         })?;
+        check_version(&root)?;
         let _ = fs::remove_dir_all(root.join("partial"));
         fs::create_dir_all(root.join("partial"))?;
         Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), _lock: lock })

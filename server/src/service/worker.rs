@@ -6,7 +6,7 @@ use crate::job::machine;
 use crate::job::pace::StagePace;
 use crate::job::reuse::BakeCache;
 use crate::job::{FinishedBake, Job, JobError, Refused};
-use crate::model::export::{self, ExportError};
+use crate::model::export::{self, ExportError, Format};
 use crate::problem::{Cause, Problem};
 use crate::scene_file::SceneTree;
 use crate::service::event_log::{self, LogWriter};
@@ -93,14 +93,15 @@ pub fn end_with_server() {
 /// Plans a bake and sends the plan, or all problems of the scene. `with_estimates`: what each accuracy costs on this
 /// machine, which takes as long as the bake's first stage.
 pub fn plan(folder: &Path, with_estimates: bool) -> Result<(), WorkerError> {
-    let (_, job) = read(folder)?;
+    let (spec, job) = read(folder)?;
     let refused = |error: cairn_core::Error| failed(error.into(), &job.notes);
     let estimates = if with_estimates { job.estimates().map_err(refused)? } else { Vec::new() };
     let plan = cairn_core::plan(&job.scene, &job.params).map_err(refused)?;
     files::write_atomically(&folder.join(SCENE), SceneTree::from_message(&job.effective).to_json().as_bytes())?;
+    let most_bytes = job.most_bytes(&plan, Format::from_wire(spec.format()));
     let has_parameters_only = job.effective.encoded_len() > MAX_SCENE;
     send(WorkerMessage::Planned(Box::new(proto::Accepted {
-        plan: Some(to_proto::plan(&plan, &job.notes, &estimates, &job.params)),
+        plan: Some(to_proto::plan(&plan, &job.notes, &estimates, &job.params, most_bytes)),
         effective_scene: Some(if has_parameters_only { to_proto::params(&job.params) } else { job.effective }),
         has_parameters_only,
         ..Default::default()

@@ -14,6 +14,9 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         region: scene.region.clone(),
         ..parameters::to_scene(params)
     };
+    if let Some(fill) = &mut effective.fill {
+        fill.into = scene.fill.as_ref().and_then(|fill| fill.into.clone());
+    }
     effective.set_defaults();
     effective
 }

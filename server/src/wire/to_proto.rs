@@ -23,8 +23,9 @@ pub fn body_state(state: State) -> proto::BodyState {
     }
 }
 
-/// `estimates`: none where the message must not depend on the machine. `params`: the scene's own.
-pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Params) -> proto::Plan {
+/// `estimates`: none where the message must not depend on the machine. `params`: the scene's own. `most_bytes`: of the
+/// result.
+pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Params, most_bytes: u64) -> proto::Plan {
     let expected = estimates.iter().find(|estimate| estimate.accuracy == params.accuracy);
     let kept = |estimate: &Estimate, n: usize| estimate.kept_shape.map_or(0.0, |kept| kept[n]);
     let estimate = |estimate: &Estimate| proto::Estimate {
@@ -59,6 +60,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         effects: plan.effects.iter().map(effect).collect(),
         warnings: notes.iter().chain(&plan.warnings).cloned().collect(),
         estimates: estimates.iter().map(estimate).collect(),
+        most_result_bytes: signed(most_bytes),
     }
 }
 

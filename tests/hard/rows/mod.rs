@@ -9,6 +9,7 @@ pub mod gltf;
 pub mod hits;
 pub mod inputs;
 pub mod piles;
+pub mod places;
 pub mod scenes;
 pub mod stacks;
 pub mod starts;
@@ -187,6 +188,42 @@ pub const ROWS: &[Row] = &[
         energy::zero_g,
         &[Uncontrolled],
         &[Uncontrolled, Plain],
+    ),
+    row(
+        "far",
+        "a pile of sticks 1, 360 and 1,000 km from the origin: the same as at the origin within d/1000",
+        places::far,
+        BOTH,
+        BOTH,
+    ),
+    row(
+        "fast_scenery",
+        "a wall of 8 mm that starts at 4 m/s goes through none of three cubes of 20 mm",
+        places::fast_scenery,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "conveyor",
+        "a block on a slab that moves at 1 m/s from the first frame on slides by v^2 / 2 mu g within 10 %",
+        places::conveyor,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "chain",
+        "8 rings that hang in each other: no faster than 0.5 m/s, end within a thickness of where they were, rest",
+        places::chain,
+        BOTH,
+        ALL,
+    ),
+    row(
+        "falls_once",
+        "a cone and a column of sticks that nothing holds in the end: no body falls again after a second of rest, \
+         free fall within 1 %",
+        places::falls_once,
+        BOTH,
+        BOTH,
     ),
     row("balls", "1000 spheres in a heap come to rest and stay (200 in the tests)", piles::balls, BOTH, ALL),
     row(

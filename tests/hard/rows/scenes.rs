@@ -50,6 +50,24 @@ pub fn ball(radius: f64) -> TriMesh {
     turned(&(1..12).map(ring).chain([(radius * 1e-3, radius)]).collect::<Vec<_>>(), 24)
 }
 
+/// A ring in the plane of x and y: the radius of its middle line, and that of its tube.
+pub fn ring(round: f64, thick: f64) -> TriMesh {
+    const AROUND: u32 = 24;
+    const ACROSS: u32 = 12;
+    let angle = |k: u32, n: u32| (f64::from(k) / f64::from(n) * TAU).sin_cos();
+    let point = |k: u32| {
+        let ((s, c), (t, u)) = (angle(k / ACROSS, AROUND), angle(k % ACROSS, ACROSS));
+        DVec3::new(c * (round + thick * u), s * (round + thick * u), thick * t)
+    };
+    let at = |i: u32, j: u32| i % AROUND * ACROSS + j % ACROSS;
+    let quads = (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j)));
+    let triangles = quads.flat_map(|(i, j)| {
+        let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
+        [[a, b, c], [b, d, c]]
+    });
+    TriMesh { points: (0..AROUND * ACROSS).map(point).collect(), triangles: triangles.collect() }
+}
+
 pub fn disc(radius: f64, height: f64) -> TriMesh {
     turned(&[(radius, -height / 2.0), (radius, height / 2.0)], 32)
 }

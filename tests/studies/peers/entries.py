@@ -30,6 +30,7 @@ class Pile:
 
 PILES = [
     Pile("sticks", "examples/sticks.toml", 609),
+    Pile("column", "examples/column.toml", 593),
     Pile("books", "examples/books.toml", 879),
     Pile("bananas", f"{HERE}/bananas.toml", 1008, 2.25),
 ]
@@ -38,7 +39,7 @@ FEW = 60
 
 OURS = ["held", "glued"]
 """What each peer is paired with."""
-BASELINES = ["off", "off-substeps", "off-damped", "random"]
+BASELINES = ["natural", "off", "off-substeps", "off-damped", "random"]
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,9 @@ pub struct PeerRun {
     /// CPU seconds until every frame of every body is a key of an F-curve, where the engine makes some.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub keyframes_cpu: Option<f64>,
+    /// Steps in which the contacts of a body resisted its motion, mean of the bodies; of Cairn alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resisted_steps: Option<f64>,
     /// Simulated seconds: fewer than asked for where the engine was stopped for the time that it took.
     pub seconds: f64,
     /// In the order of the scene.

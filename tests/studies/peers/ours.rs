@@ -7,6 +7,7 @@ use anyhow::Context;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Observer, Progress, Stage};
 use cairn_core::input::params::{ControlMode, GlueMode, Params, Switch};
+use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::{Bake, BakedBody};
 use cairn_core::sim::glue::PileGlue;
 use cairn_core::stages::{glue, hold, release};
@@ -20,8 +21,10 @@ use std::ops::ControlFlow;
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Variant {
-    /// The paper's control, nothing glued
+    /// The paper's control to the last frame, nothing glued
     Held,
+    /// The same, but the control is withdrawn once the pile rests
+    Natural,
     /// Glued as modelled, without control
     Glued,
     /// Physics alone
@@ -40,6 +43,7 @@ impl Variant {
     fn settings(self) -> &'static str {
         match self {
             Variant::Held => "held",
+            Variant::Natural => "natural",
             Variant::Glued => "glued",
             Variant::Off => "uncontrolled",
             Variant::OffSubsteps => "uncontrolled, 4 x the substeps",
@@ -56,10 +60,12 @@ impl Variant {
         params.report.shape = Switch::Off;
         params.report.support = Switch::Off;
         params.glue.mode = if self == Variant::Glued { GlueMode::AsModelled } else { GlueMode::Natural };
-        if !matches!(self, Variant::Held | Variant::Glued) {
+        if !matches!(self, Variant::Held | Variant::Natural | Variant::Glued) {
             params.control.mode = ControlMode::Off;
         }
         match self {
+            Variant::Held => params.control.stand = Switch::Off,
+            Variant::Natural => params.control.stand = Switch::On,
             Variant::OffSubsteps => params.physics.substeps *= MORE_SUBSTEPS,
             Variant::OffDamped => params.release.resistance = params.control.resistance,
             _ => {}
@@ -71,7 +77,7 @@ impl Variant {
 /// The pile from turning over to the last frame.
 pub fn bake(full: &Full, scene: &PeerScene, variant: Variant) -> anyhow::Result<PeerRun> {
     let params = variant.params(full, scene);
-    let (cpu, poses) = match variant {
+    let (cpu, poses, resisted_steps) = match variant {
         Variant::Random => at_random(full, scene, &params)?,
         _ => {
             let Bake { pile, report } = release(full, &params)?;
@@ -79,7 +85,8 @@ pub fn bake(full: &Full, scene: &PeerScene, variant: Variant) -> anyhow::Result<
             let shapes = pile::shapes(&full.job)?;
             let last = pile.frames.last().context("a bake has frames")?;
             let body = |(b, pose): (&BakedBody, &Pose)| shapes[b.prop].body_pose(pose, b.scale);
-            (spent.sum(), pile.bodies.iter().zip(last).map(body).collect::<Vec<_>>())
+            let poses: Vec<_> = pile.bodies.iter().zip(last).map(body).collect();
+            (spent.sum(), poses, report.counts.get(&Count::ResistedBodySteps).copied().unwrap_or_default())
         }
     };
     let bodies = scene.bodies.iter().zip(&poses).map(|(b, pose)| peer_body(&scene.shapes, b.shape, pose)).collect();
@@ -88,6 +95,7 @@ pub fn bake(full: &Full, scene: &PeerScene, variant: Variant) -> anyhow::Result<
         settings: variant.settings().into(),
         cpu,
         keyframes_cpu: None,
+        resisted_steps: Some(resisted_steps as f64 / scene.bodies.len().max(1) as f64),
         seconds: f64::from(scene.frames) / scene.fps,
         bodies,
     })
@@ -99,7 +107,7 @@ fn release(full: &Full, params: &Params) -> anyhow::Result<Bake> {
 }
 
 /// Dots at random touches, as many as Cairn chooses.
-fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<(f64, Vec<Pose>)> {
+fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<(f64, Vec<Pose>, u64)> {
     let glued = release(full, &Variant::Glued.params(full, scene))?;
     let count = glued.pile.glue.map_or(0, |glue| glue.dots.len());
     let mut sim = full.container.turn_over(&full.job.scene, params)?;
@@ -113,11 +121,11 @@ fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<
     let dots = glue::joints(&sites, &placement, false, 0.0, 1.0);
     sim.pile.glue = PileGlue::new(dots, false, &mut sim.pile.world, &mut sim.pile.policy);
     let begin = ProcessTime::now();
-    release::run(&mut sim, params, params.release.order, false, &mut Cpu)?;
+    release::run(&mut sim, params, params.release.order, false, &|_| 0.0, &mut Cpu)?;
     hold::run(&mut sim, params, false, &mut Cpu)?;
     let world = &sim.pile.world;
     let poses = (0..world.bodies().len()).map(|id| world.units.pose_to_si(&world.pose(id)));
-    Ok((begin.elapsed().as_secs_f64(), poses.collect()))
+    Ok((begin.elapsed().as_secs_f64(), poses.collect(), world.counters.resisted_body_steps))
 }
 
 /// Counts CPU time and cancels nothing.

@@ -15,6 +15,7 @@ HEAD = [
     "p95 height kept",
     "penetration mean",
     "max",
+    "steps resisted",
 ]
 SHORT = 1e-6
 """Seconds by which the end of a run may be missed by rounding."""
@@ -45,6 +46,12 @@ def quality(figures):
     return [shape, f"{values['kept_p95']:.2f}", f"{values['penetration_mean']:.4f}", f"{values['penetration_max']:.3f}"]
 
 
+def resisted(runs):
+    """Steps in which the contacts of a body resisted, mean of the bodies."""
+    steps = [run["resisted_steps"] for run in runs if "resisted_steps" in run]
+    return [number(median(steps)) if steps else "-"]
+
+
 def rows_of(folder):
     """A row for each of ours, each baseline and each peer that ran."""
     scene = read(folder / "scene.json")
@@ -55,7 +62,14 @@ def rows_of(folder):
         against = {other: [a["cpu"] / b["cpu"] for a, b in zip(runs, pairs[other])] for other in OURS}
         figures = next(iter((folder / "round1").glob(f"*/{variant}.figures.json")), folder / "none")
         ratios = ["1" if other == variant else spread(against[other]) for other in OURS]
-        yield ["**Cairn**", runs[0]["settings"], spread([run["cpu"] for run in runs]), *ratios, *quality(figures)]
+        yield [
+            "**Cairn**",
+            runs[0]["settings"],
+            spread([run["cpu"] for run in runs]),
+            *ratios,
+            *quality(figures),
+            *resisted(runs),
+        ]
     for name in [*BASELINES, *(peer.name for peer in PEERS)]:
         places = [place for place in sorted(folder.glob(f"round*/{name}")) if (place / "peer.json").exists()]
         if not places:
@@ -71,14 +85,14 @@ def rows_of(folder):
             held = [read(place / f"{variant}.json")["cpu"] for place in places]
             ratios.append(spread([run["cpu"] / ours for run, ours in zip(runs, held)], least))
         cpu = spread([run["cpu"] for run in runs], least)
-        yield [runs[0]["engine"], settings, cpu, *ratios, *quality(places[0] / "peer.figures.json")]
+        yield [runs[0]["engine"], settings, cpu, *ratios, *quality(places[0] / "peer.figures.json"), *resisted(runs)]
         keyed = [run["keyframes_cpu"] for run in runs if "keyframes_cpu" in run]
         if keyed:
             ratios = []
             for variant in OURS:
                 held = [read(place / f"{variant}.json")["cpu"] for place in places]
                 ratios.append(spread([cpu / ours for cpu, ours in zip(keyed, held)]))
-            yield [runs[0]["engine"], "the same, with keyframes", spread(keyed), *ratios, *["-"] * 4]
+            yield [runs[0]["engine"], "the same, with keyframes", spread(keyed), *ratios, *["-"] * 5]
 
 
 def markdown(head, rows):

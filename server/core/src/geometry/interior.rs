@@ -13,7 +13,7 @@ mod ray;
 mod tests;
 
 use crate::geometry::mesh::{TriMesh, bounds};
-use bvh::Bvh;
+pub(crate) use bvh::Bvh;
 use glam::{DMat3, DVec3};
 pub use grid::DistanceGrid;
 use rand::{Rng, RngExt};

@@ -109,6 +109,24 @@ pub fn weld(mesh: &TriMesh, tolerance: f64) -> TriMesh {
     TriMesh { points, triangles }
 }
 
+/// The parts of a welded mesh that share no edge, in the order of their first triangles. All have all of the points.
+pub fn parts(mesh: &TriMesh) -> Vec<Vec<[u32; 3]>> {
+    let mut sets = DisjointSets::new(mesh.triangles.len());
+    for edge in Edges::new(&mesh.triangles).iter() {
+        edge.iter().for_each(|side| sets.join(edge[0].face as usize, side.face as usize));
+    }
+    let mut numbers = std::collections::HashMap::new();
+    let mut parts: Vec<Vec<[u32; 3]>> = Vec::new();
+    for (face, &triangle) in mesh.triangles.iter().enumerate() {
+        let number = *numbers.entry(sets.find(face)).or_insert(parts.len());
+        match parts.get_mut(number) {
+            Some(part) => part.push(triangle),
+            None => parts.push(vec![triangle]),
+        }
+    }
+    parts
+}
+
 fn area([a, b, c]: [DVec3; 3]) -> f64 {
     0.5 * (b - a).cross(c - a).length()
 }

@@ -52,12 +52,12 @@ impl ShapeMeasurer<'_> {
         ratio(bodies.iter().map(|b| b.1).sum(), bodies.iter().map(|b| b.0).sum())
     }
 
-    /// Volume of the bodies' parts inside the control mesh / its volume, without that of a core. Overlapping bodies
-    /// count twice.
+    /// Volume of the bodies' parts inside the control mesh / its volume, without what a core or scenery takes.
+    /// Overlapping bodies count twice.
     pub fn fill_fraction(&self, pile: &Instances) -> f64 {
         let inside: Vec<f64> = pile.bodies.par_iter().map(|b| self.volume(b) * self.share_inside(b)).collect();
         let core = self.core.as_ref().map_or(0.0, |core| core.count() as f64 * self.lattice.cell.powi(3));
-        ratio(inside.iter().sum(), self.region.volume() - core)
+        ratio(inside.iter().sum(), self.region.volume() * self.room_share - core)
     }
 
     /// 95th percentile of the height of the bodies' volume above the control mesh's base / its height.

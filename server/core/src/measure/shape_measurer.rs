@@ -46,6 +46,10 @@ pub struct ShapeMeasurer<'a> {
     pub(super) solid_height: f64,
     /// Cells of the control mesh that a core takes, where there is one: they belong to every pile.
     pub(super) core: Option<CellBlock>,
+    /// Cells of the control mesh that are no room, where scenery takes some: they belong to no pile.
+    taken: Option<CellBlock>,
+    /// Share of the control mesh that is room.
+    pub(super) room_share: f64,
 }
 
 impl<'a> ShapeMeasurer<'a> {
@@ -90,9 +94,29 @@ impl<'a> ShapeMeasurer<'a> {
             control_cells,
             solid_iou: 0.0,
             core: None,
+            taken: None,
+            room_share: 1.0,
         };
         measurer.solid_iou = measurer.iou(measurer.control_cells.clone(), 0.0);
         measurer
+    }
+
+    /// The same for piles in the room that is left of the control mesh, by points in SI: the rest counts as outside.
+    pub fn within(mut self, is_room: impl Fn(DVec3) -> bool + Sync) -> ShapeMeasurer<'a> {
+        let lattice = self.lattice;
+        let mut taken = self.control_cells.clone();
+        taken.rows_mut(|at, row| {
+            let start = lattice.centre(at);
+            let is_taken = |i: usize| !is_room(start + DVec3::X * (i as f64 * lattice.cell));
+            row.iter_mut().enumerate().for_each(|(i, cell)| *cell = u8::from(*cell != 0 && is_taken(i)));
+        });
+        let all = self.control_cells.count() as f64;
+        self.control_cells.subtract(&taken);
+        self.room_share = ratio(self.control_cells.count() as f64, all);
+        self.taken = Some(taken);
+        self.solid_height = layer_height(&self.control_cells, HEIGHT_SHARE) * lattice.cell;
+        self.solid_iou = self.iou(self.control_cells.clone(), 0.0);
+        self
     }
 
     /// The same for piles around a core, which counts as a part of them.
@@ -114,6 +138,8 @@ impl<'a> ShapeMeasurer<'a> {
     /// Closes the cells by d/2 and compares them with the control mesh's; `lost` m^3 of the pile are elsewhere.
     pub(super) fn iou(&self, mut cells: CellBlock, lost: f64) -> f64 {
         cells.close(self.diameter / 2.0 / self.lattice.cell);
+        // Closing joins what scenery parts.
+        self.taken.iter().for_each(|taken| cells.subtract(taken));
         let common = cells.common(&self.control_cells) as f64;
         let lost = lost / self.lattice.cell.powi(3);
         ratio(common, (cells.count() + self.control_cells.count()) as f64 - common + lost)

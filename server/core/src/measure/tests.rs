@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::geometry::interior::MeshInterior;
+use crate::testing::says_only;
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::PI;
 
@@ -285,4 +286,51 @@ fn sizes_of_a_prop() {
     let tetrahedron = TriMesh { points: points.into(), triangles: vec![[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]] };
     assert!((smallest_extent(&tetrahedron) - 2.0).abs() < 0.02);
     assert!((bounding_sphere(&tetrahedron).1 - 3f64.sqrt()).abs() < 1e-9);
+}
+
+#[test]
+fn each_caveat_has_its_cause() {
+    let control = cuboid([0.0; 3], [1.0; 3]);
+    let plain = measured(&control, std::slice::from_ref(&control), &[(0, 1.0, at(0.0, 0.0, 0.0))]);
+    let with = |change: &dyn Fn(&mut ShapeMeasures)| {
+        let mut measures = plain.clone();
+        change(&mut measures);
+        measures
+    };
+    let of = |source: SolidSource| with(&|m| m.solids[0].as_mut().unwrap().source = source);
+    for (case, measures, words) in [
+        ("when all is as defined", plain.clone(), &[] as &[&str]),
+        (
+            "when the grid is capped",
+            with(&|m| m.shape_iou = ShapeIou { capped: true, cell: 0.5, wanted_cell: 0.1, ..m.shape_iou }),
+            &["shape_iou was taken on cells of 5.000e-1 m instead of 1.000e-1 m, to bound memory and time"],
+        ),
+        (
+            "when bodies rolled away",
+            with(&|m| m.shape_iou.beyond = 2),
+            &["2 bodies lie beyond the grid of shape_iou: counted by volume"],
+        ),
+        (
+            "when a prop is open",
+            of(SolidSource::Capped),
+            &["prop: the mesh is open: it is measured with its holes capped"],
+        ),
+        (
+            "when a prop is of sheets",
+            of(SolidSource::Hull),
+            &["prop: the mesh encloses next to no volume: its convex hull is measured instead"],
+        ),
+        (
+            "when a prop is a sheet",
+            of(SolidSource::Plate),
+            &["prop: the mesh is flat: a plate of 2 % of its diameter is measured instead"],
+        ),
+        (
+            "when a prop is fine",
+            with(&|m| m.solids[0].as_mut().unwrap().capped = true),
+            &["prop: the prop is too fine for its grid: its cells are coarser than wanted"],
+        ),
+    ] {
+        says_only(case, &measures.caveats(|_| "prop"), words);
+    }
 }

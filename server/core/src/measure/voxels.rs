@@ -76,6 +76,14 @@ impl CellBlock {
         self.cells.iter_mut().zip(&other.cells).for_each(|(cell, other)| *cell &= other);
     }
 
+    /// Empties the cells that are full in the other block.
+    pub fn subtract(&mut self, other: &CellBlock) {
+        self.rows_mut(|[x, y, z], row| {
+            let full = |i: usize| other.get([x + i as i64, y, z]);
+            row.iter_mut().enumerate().for_each(|(i, cell)| *cell &= u8::from(!full(i)));
+        });
+    }
+
     /// Fills the cells that are full in the other block.
     pub fn add(&mut self, other: &CellBlock) {
         self.rows_mut(|[x, y, z], row| {

@@ -3,6 +3,9 @@
 mod added;
 mod narrow;
 mod shell;
+mod standing;
+#[cfg(test)]
+mod tests;
 
 use crate::error::{SceneProblem, counted};
 use crate::geometry::ClosedMesh;
@@ -27,6 +30,8 @@ pub struct CheckedScene {
     pub region: Option<ClosedMesh>,
     /// The core of a pile of which only the surface is made of props.
     pub core: Option<Core>,
+    /// Shares of the control mesh's volume and surface that scenery leaves, where there is some.
+    room: Option<(f64, f64)>,
     /// One per prop.
     pub sizes: Vec<Size>,
     /// Share of each prop among the drawn bodies or, if none is drawn, among the placed ones.
@@ -138,7 +143,11 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
         warnings.push(text.into());
     }
     let low = control.as_ref().map(|c| c.mesh.bounds().0.y);
-    let ground = params.ground_height.or(low).unwrap_or(0.0);
+    let shares = added::shares(scene, params);
+    let diameter = median_diameter(&scene.props, &sizes, &shares);
+    let standing = control.as_ref().map(|control| standing::of(scene, params, control, diameter, &shares, &sizes));
+    let standing = standing.unwrap_or_default();
+    let ground = params.ground_height.or(standing.ground).or(low).unwrap_or(0.0);
     if let Some(model) = scene.control.as_ref().filter(|_| control.is_some()) {
         let below = ground - low.unwrap_or(ground);
         if below > 0.0 {
@@ -146,16 +155,16 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
             warnings.push(text);
         }
     }
-    let shares = added::shares(scene, params);
-    let diameter = median_diameter(scene, &sizes, &shares);
     if let (Some(model), Some(control)) = (&scene.control, &control) {
         let gap = control.mesh.bounds().0.y - ground;
-        if gap <= FLOATING * diameter {
+        if standing.room.is_some() {
+            warnings.extend(standing.warnings);
+        } else if gap <= FLOATING * diameter {
             warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
         } else if scene.statics.is_empty() && params.ground {
             warnings.push(format!(
-                "{}: it floats {gap:.3} m above the ground (ground_height), so that the pile falls before it is \
-                 released; leave ground_height out, move the control mesh down, or add scenery below it",
+                "{}: it floats {gap:.3} m above the ground (ground_height): the pile starts there and falls; leave \
+                 ground_height out, move the control mesh down, or add scenery below it",
                 model.name
             ));
         }
@@ -165,7 +174,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
     let mass = |i: usize| sizes[i].volume * scene.props[i].density;
     warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
-    Ok(CheckedScene { diameter, ground, control, region, core, sizes, shares, warnings })
+    let room = standing.room;
+    Ok(CheckedScene { diameter, ground, control, region, core, room, sizes, shares, warnings })
 }
 
 /// A closed mesh as it will be used: welded, its parts facing outward. Every repair is a warning.
@@ -309,6 +319,7 @@ fn prop_mesh(
         ));
     }
     let filled = scene.control.as_ref().filter(|_| scene.is_filled(params) && prop.weight != 0.0);
+    let filled = filled.filter(|model| !model.mesh.triangles.is_empty());
     let Some((lo, hi)) = filled.map(|model| model.mesh.bounds()) else { return Ok(()) };
     let mut room = (hi - lo).to_array();
     room.sort_by(f64::total_cmp);
@@ -328,8 +339,8 @@ fn prop_mesh(
 }
 
 /// By share, at the middle of each scale range.
-fn median_diameter(scene: &Scene, sizes: &[Size], shares: &[f64]) -> f64 {
-    let mut all: Vec<(f64, f64)> = (scene.props.iter().zip(sizes).zip(shares))
+pub(crate) fn median_diameter(props: &[Prop], sizes: &[Size], shares: &[f64]) -> f64 {
+    let mut all: Vec<(f64, f64)> = (props.iter().zip(sizes).zip(shares))
         .map(|((p, s), &share)| (s.diameter * (p.scale[0] + p.scale[1]) / 2.0, share))
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -9,12 +9,16 @@ use self::core::Core;
 use crate::geometry::contact::CARRYING_GAP;
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
-use crate::geometry::topology::Topology;
+use crate::geometry::topology::{self, Topology};
 use crate::geometry::{ClosedMesh, RESOLUTION};
+use crate::input::scene::Scene;
+use crate::prepare::shape::Size;
+use crate::prepare::surroundings::{self, Surroundings};
 use crate::prepare::units::Units;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::DVec3;
 use ndshape::{RuntimeShape, Shape as _};
+use std::sync::Arc;
 
 /// The container that is filled. Engine units.
 pub struct Container {
@@ -22,8 +26,14 @@ pub struct Container {
     mesh: TriMesh,
     /// Largest distance of the simplified mesh from it; 0: it is not simplified.
     tolerance: f64,
-    /// Distance to the surface, negative inside.
+    /// The room: distance to the surface and to scenery, negative inside.
     pub distance: DistanceGrid,
+    /// Distance to the surface alone, where scenery takes room.
+    shell: Option<DistanceGrid>,
+    /// Scenery that takes room.
+    scenery: Vec<SceneryMesh>,
+    surroundings: Option<Arc<Surroundings>>,
+    units: Units,
     /// Height of the base, which a half-space closes as well.
     pub base: f64,
     pub volume: f64,
@@ -36,6 +46,18 @@ pub struct Container {
     /// The surface of the core, where there is one: closed, facing outward.
     pub core: Option<TriMesh>,
 }
+
+/// A piece of scenery near the container, engine units.
+pub struct SceneryMesh {
+    pub mesh: TriMesh,
+    pub friction: f64,
+}
+
+/// Scenery that is farther from the container than this, d, meets no prop of the fill.
+const FAR: f64 = 4.0;
+
+/// A face is steep if its normal's share along Y is less than this: at more than 45 degrees.
+const STEEP: f64 = 0.7;
 
 /// Bound on the distance grid, for memory.
 const MAX_GRID_NODES: usize = 2_000_000;
@@ -83,6 +105,10 @@ impl Container {
             mesh,
             tolerance,
             distance,
+            shell: None,
+            scenery: Vec::new(),
+            surroundings: None,
+            units: *units,
             base,
             volume: region.volume(),
             area: topology.area / units.length.powi(2),
@@ -102,9 +128,80 @@ impl Container {
         self
     }
 
+    /// Leaves no room in scenery. `scene`: the one that `surroundings` are of. `sizes`: of its props.
+    pub fn apart_from(mut self, mut surroundings: Surroundings, scene: &Scene, sizes: &[Size]) -> Container {
+        self.shell = Some(self.distance.clone());
+        let (volume, area) =
+            surroundings.cut(&mut self.distance, &self.units, surroundings::least_radius(scene, sizes));
+        self.volume *= volume;
+        self.area *= area;
+        let near = |[a, b, c]: [DVec3; 3]| {
+            a.min(b).min(c).cmple(self.high + FAR).all() && a.max(b).max(c).cmpge(self.low - FAR).all()
+        };
+        for model in &scene.statics {
+            let mut mesh = self.units.mesh_to_engine(&surroundings::placed(model));
+            mesh.triangles.retain(|t| near(t.map(|v| mesh.points[v as usize])));
+            if !mesh.triangles.is_empty() {
+                // Without the points that no triangle uses.
+                let mesh = topology::weld(&mesh, 0.0);
+                self.scenery.push(SceneryMesh { mesh, friction: model.friction });
+            }
+        }
+        self.surroundings = Some(Arc::new(surroundings));
+        self
+    }
+
+    /// Distance to the surface alone, negative inside.
+    pub fn shell(&self) -> &DistanceGrid {
+        self.shell.as_ref().unwrap_or(&self.distance)
+    }
+
+    /// The scenery that takes room.
+    pub fn scenery(&self) -> &[SceneryMesh] {
+        &self.scenery
+    }
+
+    /// The steep faces of the scenery that takes room: a pour enters through the base, past what the pile stands on.
+    pub fn steep_scenery(&self) -> Vec<SceneryMesh> {
+        let steep = |[a, b, c]: [DVec3; 3]| (b - a).cross(c - a).normalize_or_zero().y.abs() < STEEP;
+        let piece = |piece: &SceneryMesh| {
+            let mut mesh = piece.mesh.clone();
+            mesh.triangles.retain(|t| steep(t.map(|v| piece.mesh.points[v as usize])));
+            SceneryMesh { mesh: topology::weld(&mesh, 0.0), friction: piece.friction }
+        };
+        self.scenery.iter().map(piece).filter(|piece| !piece.mesh.triangles.is_empty()).collect()
+    }
+
+    /// Whether a point is in solid scenery: exact, where [`Container::distance`] is too coarse for thin walls.
+    pub fn is_solid_at(&self, p: DVec3) -> bool {
+        let solid = |around: &Arc<Surroundings>| around.is_solid_at(self.units.point_to_si(p));
+        self.surroundings.as_ref().is_some_and(solid)
+    }
+
+    /// Depth of a point in solid scenery, 0 outside.
+    pub fn depth_in_scenery(&self, p: DVec3) -> f64 {
+        let depth = |around: &Arc<Surroundings>| around.depth(self.units.point_to_si(p)) / self.units.length;
+        self.surroundings.as_ref().map_or(0.0, depth)
+    }
+
+    /// Height of what carries a place: of the scenery below it, and no lower than the base. 0 without scenery, where
+    /// the base carries everything.
+    pub fn support(&self, p: DVec3) -> f64 {
+        let Some(around) = &self.surroundings else { return 0.0 };
+        let carrier = around.carrier(self.units.point_to_si(p));
+        carrier.map_or(self.base, |carrier| self.units.height_to_engine(carrier.height).max(self.base))
+    }
+
+    /// The parts of a vertical line that scenery leaves free, from below; `None` without scenery.
+    pub fn free_along(&self, p: DVec3) -> Option<Vec<[f64; 2]>> {
+        let around = self.surroundings.as_ref()?;
+        let gaps = around.gaps(self.units.point_to_si(p)).into_iter().filter(|gap| !gap.taken);
+        Some(gaps.map(|gap| [gap.low, gap.high].map(|y| self.units.height_to_engine(y))).collect())
+    }
+
     /// The closed container, larger by `outside` on all sides.
     pub fn closed(&self, outside: f64) -> CollisionMesh {
-        let mesh = if outside > 0.0 { surface(&self.distance, -outside) } else { self.mesh.clone() };
+        let mesh = if outside > 0.0 { surface(self.shell(), -outside) } else { self.mesh.clone() };
         simplify::run(mesh, self.tolerance)
     }
 
@@ -164,11 +261,16 @@ fn inward(solid: &TriMesh, inside_out: bool) -> TriMesh {
 fn surface(distance: &DistanceGrid, inset: f64) -> TriMesh {
     let (origin, size, values) = distance.nodes();
     let field: Vec<f32> = values.iter().map(|&v| (v + inset) as f32).collect();
+    net(&field, size, origin, distance.spacing())
+}
+
+/// The surface where a field on a grid is 0, facing to where it is negative. Shape `[z][y][x]`.
+pub(in crate::prepare) fn net(field: &[f32], size: [usize; 3], origin: DVec3, spacing: f64) -> TriMesh {
     let shape = RuntimeShape::<u32, 3>::new(size.map(|n| n as u32));
     debug_assert_eq!(shape.size() as usize, field.len());
     let mut net = SurfaceNetsBuffer::default();
-    surface_nets(&field, &shape, [0; 3], size.map(|n| n as u32 - 1), &mut net);
-    let point = |p: &[f32; 3]| origin + DVec3::from_array(p.map(f64::from)) * distance.spacing();
+    surface_nets(field, &shape, [0; 3], size.map(|n| n as u32 - 1), &mut net);
+    let point = |p: &[f32; 3]| origin + DVec3::from_array(p.map(f64::from)) * spacing;
     let triangles = net.indices.chunks_exact(3).map(|t| [t[0], t[2], t[1]]).collect();
     TriMesh { points: net.positions.iter().map(point).collect(), triangles }
 }

@@ -130,7 +130,7 @@ impl Workload {
         let step_rate = characteristic_time / params.physics.step.seconds(characteristic_time);
         let container = checked.filled(scene, params);
         let (room, packing) =
-            container.map_or(Default::default(), |c| plan::room(c, checked.core.as_ref()).load(scene, &checked.sizes));
+            container.map_or(Default::default(), |c| plan::room(c, checked).load(scene, &checked.sizes));
         Workload {
             bodies: (filled + scene.added_bodies()) as f64,
             filled: filled as f64,

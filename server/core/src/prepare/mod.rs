@@ -1,4 +1,5 @@
-//! Everything before the first step: checks of the scene, collision shapes and container, the effects, the plan, the
+//! Everything before the first step: checks of the scene, the inside of containers, the scenery around the
+//! shape, collision shapes and container, the effects, the plan, the
 //! estimate.
 
 pub mod check;
@@ -6,7 +7,9 @@ pub mod container;
 pub mod effects;
 pub mod estimate;
 pub(crate) mod extremes;
+pub mod inside;
 pub mod packing;
 pub mod plan;
 pub mod shape;
+pub mod surroundings;
 pub mod units;

@@ -5,7 +5,6 @@ use crate::input::observer::Stage;
 use crate::input::params::{Accuracy, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
-use crate::prepare::container::core::Core;
 use crate::prepare::effects::{Effect, EffectName, Resolved};
 use crate::prepare::packing::{Room, expected_bodies};
 
@@ -16,6 +15,9 @@ pub struct Plan {
     pub expected_bodies: usize,
     /// Simulation steps expected over all stages.
     pub expected_steps: usize,
+    /// Frames that the result has at most, unless the pile comes to rest much later than usual.
+    #[serde(skip)]
+    pub most_frames: usize,
     /// Length unit d: the median prop diameter, m.
     pub prop_diameter: f64,
     /// Characteristic time sqrt(d / g), s.
@@ -47,15 +49,24 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
              larger props"
         )
     });
+    let steps = release_steps(scene, params, checked);
     Plan {
+        most_frames: most_frames(steps * params.physics.step.seconds(checked.characteristic_time(params)), params),
         expected_bodies: fill_bodies + scene.added_bodies(),
-        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + release_steps(scene, params, checked) as usize,
+        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + steps as usize,
         prop_diameter: checked.diameter,
         characteristic_time: checked.characteristic_time(params),
         stages: stages.into_iter().flatten().collect(),
         effects: resolved.effects.clone(),
         warnings: checked.warnings.iter().cloned().chain(limited).collect(),
     }
+}
+
+/// Frames of a release and hold that are expected to take this long, s.
+fn most_frames(seconds: f64, params: &Params) -> usize {
+    /// Nearly all piles rest within this many times the expected time.
+    const LATE: f64 = 2.0;
+    1 + params.output.frames.map_or((LATE * seconds * params.output.fps).ceil() as usize, |frames| frames as usize)
 }
 
 /// Share of the bodies that is missing for each unit of `fill.full_below` beyond that of the fills that the packing was
@@ -67,15 +78,14 @@ pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedSce
     let filled = checked.filled(scene, params);
     let usual = Params::new(Accuracy::Standard).fill.full_below;
     let full = 1.0 - MISSING * (params.fill.full_below - usual).max(0.0);
-    filled.map_or(0, |control| {
-        expected_bodies(scene, &checked.sizes, &room(control, checked.core.as_ref()), &params.fill, full)
-    })
+    filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control, checked), &params.fill, full))
 }
 
 /// The room that is to be filled.
-pub(crate) fn room(control: &ClosedMesh, core: Option<&Core>) -> Room {
-    let (volume, area) = core.map_or((0.0, 0.0), |core| (core.volume, core.area));
-    Room { volume: control.volume - volume, area: control.topology.area + area }
+pub(crate) fn room(control: &ClosedMesh, checked: &CheckedScene) -> Room {
+    let (volume, area) = checked.core.as_ref().map_or((0.0, 0.0), |core| (core.volume, core.area));
+    let (left, bounded) = checked.room_shares();
+    Room { volume: left * (control.volume - volume), area: bounded * (control.topology.area + area) }
 }
 
 /// Steps of release and hold, as far as they can be predicted.

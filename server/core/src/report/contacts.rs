@@ -7,7 +7,7 @@ use crate::geometry::contact::{self, Bearing, REAL_CONTACT};
 use crate::measure::{self, Overlap};
 use crate::sim::pile::REST_SPEED;
 use crate::sim::pile_equilibrium::PileEquilibrium;
-use crate::world::{BodyId, ContactPair, World};
+use crate::world::{BodyId, ContactPair, PairSide, World};
 use cairn_statics::glue::GlueError;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
@@ -32,13 +32,54 @@ pub fn figures(world: &World, pairs: &[ContactPair]) -> NamedFigures {
     // Engine units: d is 1.
     let hanging = contact::hanging(&at_rest, &contacts, 1.0).len();
     let overlap = |pair: &ContactPair| Overlap { depth: pair.depth(), thickness: world.pair_thickness(pair) };
-    let penetration = measure::penetration(&pairs.iter().map(overlap).collect::<Vec<_>>());
+    let is_scenery = |pair: &&ContactPair| matches!(pair.b, PairSide::Scenery | PairSide::Moving);
+    let (scenery, rest): (Vec<_>, Vec<_>) = pairs.iter().partition(is_scenery);
+    let penetration =
+        |pairs: &[&ContactPair]| measure::penetration(&pairs.iter().copied().map(overlap).collect::<Vec<_>>());
+    let (penetration, scenery) = (penetration(&rest), penetration(&scenery));
     BTreeMap::from([
+        ("scenery_penetration_max_rel", (scenery.pairs > 0).then_some(scenery.max_rel)),
+        ("scenery_penetration_mean_rel", (scenery.pairs > 0).then_some(scenery.mean_rel)),
         ("hanging", Some(hanging as f64)),
         ("penetration_max_rel", Some(penetration.max_rel)),
         ("penetration_mean_rel", Some(penetration.mean_rel)),
         ("penetration_p95_rel", Some(penetration.p95_rel)),
     ])
+}
+
+/// Bodies that cut a piece of scenery.
+pub struct Cut {
+    /// Index among the scenery of its kind: what stands still, or what moves.
+    pub piece: usize,
+    pub moves: bool,
+    pub bodies: usize,
+    /// Of the deepest, engine units.
+    pub depth: f64,
+}
+
+/// A body that reaches deeper into scenery than this, in its thickness, cuts it.
+const CUTS: f64 = 0.1;
+
+/// The bodies that cut scenery, piece by piece. `buried`: depth of a body in solid scenery that stands still, engine
+/// units: it may be so deep that it meets no surface.
+pub fn cuts(world: &World, buried: impl Fn(BodyId) -> f64) -> Vec<Cut> {
+    let mut cuts = BTreeMap::<(bool, usize), Cut>::new();
+    let mut add = |(moves, piece): (bool, usize), depth: f64| {
+        let cut = cuts.entry((moves, piece)).or_insert(Cut { piece, moves, bodies: 0, depth: 0.0 });
+        (cut.bodies, cut.depth) = (cut.bodies + 1, cut.depth.max(depth));
+    };
+    for id in world.present() {
+        let thickness = world.bodies()[id].thickness;
+        let met = world.scenery_overlaps(id);
+        let buried = buried(id);
+        for &(piece, deep) in met.iter().filter(|met| met.1.max(buried) > CUTS * thickness) {
+            add(piece, deep.max(buried));
+        }
+        if met.is_empty() && buried > CUTS * thickness {
+            add((false, usize::MAX), buried);
+        }
+    }
+    cuts.into_values().collect()
 }
 
 /// Support of the whole pile by contacts alone.

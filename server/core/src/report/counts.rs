@@ -29,6 +29,7 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::RemovedStickingOut, removed.sticking_out as u64),
         (Count::RemovedOverlapping, removed.overlapping as u64),
         (Count::RemovedEscaped, removed.escaped as u64),
+        (Count::RemovedCutting, removed.cutting as u64),
         (Count::BodiesLost, sim.guard.actions.aside.len() as u64),
         (Count::GuardRetries, sim.guard.actions.retries),
         (Count::GuardCalmed, world.counters.calmed),

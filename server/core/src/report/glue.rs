@@ -1,7 +1,7 @@
 //! Figures of the glue, and warnings about it.
 
 use super::bake::{BakedGlue, BakedGlueDot};
-use super::inputs::{NamedFigures, ReportInputs};
+use super::inputs::NamedFigures;
 use super::warnings::bodies;
 use crate::error::counted;
 use crate::measure;
@@ -66,7 +66,8 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
 }
 
 /// Warnings about bodies that could not be glued, and about piles that the glue does not hold.
-pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
+/// `diameter`: of the median prop, m; `bound`: what a joint carries, weights.
+pub fn warnings(glued: &Glued, diameter: f64, bound: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     if glued.unreachable > 0 {
         let apart = bodies(glued.unreachable);
@@ -75,14 +76,14 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
         ));
     }
     if glued.bridges > 0 {
-        let widest = glued.widest * inputs.plan.prop_diameter;
+        let widest = glued.widest * diameter;
         let dots = counted(glued.bridges, "dot of glue bridges a gap", "dots of glue bridge gaps");
         warnings.push(format!(
             "{dots} of up to {widest:.3} m that the fill left in narrow places; smaller props fill them better"
         ));
     }
     if glued.too_weak > 0 {
-        let (weak, bound) = (bodies(glued.too_weak), inputs.resolved.glue_bound);
+        let weak = bodies(glued.too_weak);
         warnings.push(format!(
             "{weak} would need stronger glue than {bound} weights per dot: they fall; raise glue.strength to hold them"
         ));
@@ -91,7 +92,7 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
         let moved = glued.moved.unwrap_or(0.0);
         let what = match moved > MOST_MOVED {
             true => format!("{:.0} % of the bodies moved", 100.0 * moved),
-            false => format!("the bodies sank by {:.3} m in the mean", glued.displacement * inputs.plan.prop_diameter),
+            false => format!("the bodies sank by {:.3} m in the mean", glued.displacement * diameter),
         };
         warnings.push(format!(
             "{what} in the trial release: the glue does not hold the pile; use smaller props or a broader base"
@@ -105,4 +106,75 @@ pub fn warnings(inputs: &ReportInputs, glued: &Glued) -> Vec<String> {
         warnings.push(format!("{:.0} % of all contact pairs are glued: the pile is nearly one solid", 100.0 * share));
     }
     warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Glued, warnings};
+    use crate::sim::glue::Joint;
+    use crate::testing::says_only;
+    use glam::DVec3;
+
+    #[test]
+    fn each_warning_of_the_glue_has_its_cause() {
+        let glued = Glued { contact_pairs: 10, ..Glued::default() };
+        let joint = Joint {
+            a: 0,
+            b: None,
+            point: DVec3::ZERO,
+            normal: DVec3::Y,
+            arm: 1.0,
+            contact: None,
+            force: DVec3::ZERO,
+            moment: DVec3::ZERO,
+            limit: f64::INFINITY,
+            is_broken: false,
+        };
+        let joints = |count: usize| vec![joint; count];
+        for (case, glued, words) in [
+            ("when the glue holds", Glued { moved: Some(0.0), ..glued.clone() }, &[] as &[&str]),
+            ("when nothing was tried", glued.clone(), &[]),
+            (
+                "when bodies lie apart",
+                Glued { unreachable: 2, ..glued.clone() },
+                &["2 bodies touched no part of the pile that stands on the ground and could not be glued: they fall"],
+            ),
+            (
+                "when glue bridges gaps",
+                Glued { bridges: 1, widest: 0.5, ..glued.clone() },
+                &["1 dot of glue bridges a gap of up to 0.100 m that the fill left in narrow places; smaller props \
+                   fill them better"],
+            ),
+            (
+                "when the glue is too weak",
+                Glued { too_weak: 3, ..glued.clone() },
+                &["3 bodies would need stronger glue than 25 weights per dot: they fall; raise glue.strength to hold \
+                   them"],
+            ),
+            (
+                "when the glued pile moves",
+                Glued { moved: Some(0.9), ..glued.clone() },
+                &["90 % of the bodies moved in the trial release: the glue does not hold the pile; use smaller props \
+                   or a broader base"],
+            ),
+            (
+                "when the glued pile sinks",
+                Glued { moved: Some(0.0), displacement: 2.0, ..glued.clone() },
+                &["the bodies sank by 0.400 m in the mean in the trial release: the glue does not hold the pile"],
+            ),
+            (
+                "when the foot is narrow",
+                Glued { anchors_all: true, ..glued.clone() },
+                &["the foot is narrow: every body that touches the ground was glued to it"],
+            ),
+            ("when few pairs are glued", Glued { joints: joints(3), ..glued.clone() }, &[]),
+            (
+                "when most pairs are glued",
+                Glued { joints: joints(9), ..glued },
+                &["90 % of all contact pairs are glued: the pile is nearly one solid"],
+            ),
+        ] {
+            says_only(case, &warnings(&glued, 0.2, 25.0), words);
+        }
+    }
 }

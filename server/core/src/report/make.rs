@@ -53,7 +53,7 @@ pub fn report(
     }
     if let Some(glued) = inputs.glued {
         measures.extend(glue::figures(glued, sim));
-        notes.extend(glue::warnings(inputs, glued));
+        notes.extend(glue::warnings(glued, inputs.plan.prop_diameter, inputs.resolved.glue_bound));
         own.glue_proof = glued.proof_seconds;
     }
     observe(observer, &inputs.progress(0.8))?;
@@ -86,6 +86,7 @@ pub fn report(
         measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
     }
     notes.extend(warnings::end(sim, inputs.held, &measures));
+    notes.extend(warnings::cuts(inputs, sim));
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     let mut counts = counts::counts(inputs, sim, freed_steps);

@@ -76,6 +76,13 @@ pub fn figures(
     let (held, after) = (only(held), only(after));
     let measurer =
         ShapeMeasurer::new(target, &region, &pile_of(&props, if start.is_empty() { &after } else { &start }));
+    let measurer = match inputs.filled {
+        Some((container, _)) if !container.scenery().is_empty() => {
+            let units = pile.world.units;
+            measurer.within(|p| container.distance.signed_distance(units.point_to_engine(p)) <= 0.0)
+        }
+        _ => measurer,
+    };
     let measurer = match inputs.core {
         Some(core) => measurer.around(&core.mesh),
         None => measurer,

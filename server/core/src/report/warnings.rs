@@ -1,14 +1,16 @@
-//! The warnings of a report: removed bodies, empty places, bodies not at rest.
+//! The warnings of a report: removed bodies, empty places, bodies not at rest. Long: its tests hold each against its
+//! cause and what looks alike.
 
+use super::contacts::{self, Cut};
 use super::inputs::{NamedFigures, ReportInputs};
 use crate::error::counted;
 use crate::measure::ShapeMeasures;
 use crate::prepare::check::FLOATING;
 use crate::prepare::container::Container;
-use crate::prepare::shape::Size;
+use crate::prepare::shape::{Size, corners};
 use crate::sim::guard;
 use crate::sim::step::Simulation;
-use crate::stages::fill::{Filled, Removed};
+use crate::stages::fill::{Filled, Removed, Shaken};
 use crate::stages::hold::HoldOutcome;
 use crate::world::BodyId;
 
@@ -30,16 +32,24 @@ pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) 
             inputs.scene.control.as_ref().map_or("", |model| &model.name)
         ));
     }
-    let Removed { sticking_out, overlapping, escaped } = filled.removed;
-    for (count, why) in
-        [(sticking_out, "stuck out"), (overlapping, "overlapped another"), (escaped, "left the container")]
-    {
-        if count > 0 {
-            let were = if count == 1 { "was" } else { "were" };
-            warnings.push(format!("{} that {why} {were} removed after the fill", bodies(count)));
-        }
-    }
+    warnings.extend(removed(&filled.removed));
     warnings
+}
+
+/// Warnings about bodies that the fill took out.
+fn removed(removed: &Removed) -> Vec<String> {
+    let Removed { sticking_out, overlapping, escaped, cutting } = *removed;
+    let reasons = [
+        (sticking_out, "stuck out"),
+        (overlapping, "overlapped another"),
+        (escaped, "left the container"),
+        (cutting, "reached into scenery"),
+    ];
+    let sentence = |(count, why): (usize, &str)| {
+        let were = if count == 1 { "was" } else { "were" };
+        format!("{} that {why} {were} removed after the fill", bodies(count))
+    };
+    reasons.into_iter().filter(|reason| reason.0 > 0).map(sentence).collect()
 }
 
 /// Warnings about the fill.
@@ -61,9 +71,7 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
             if inputs.params.fill.method.traits().falls { ", or fill.method = \"insert\"," } else { "" }
         ));
     }
-    if filled.shaken.is_some_and(|shaken| shaken.taken_back) {
-        warnings.push("shaking made the shape worse and was undone; lower fill.shake, or leave it out".into());
-    }
+    warnings.extend(shaken(filled.shaken.as_ref()));
     if !filled.full && inputs.params.fill.count.is_none() {
         warnings.push(format!(
             "the fill stopped at its limit of {} bodies before the control mesh was full; raise fill.max_bodies or use \
@@ -74,10 +82,16 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
     warnings
 }
 
+/// A warning about shaking that did harm.
+fn shaken(shaken: Option<&Shaken>) -> Option<String> {
+    let text = "shaking made the shape worse and was undone; lower fill.shake, or leave it out";
+    shaken.is_some_and(|shaken| shaken.taken_back).then(|| text.into())
+}
+
 /// Why little of the control mesh is filled, and what helps. `left`: bodies that were not removed.
 fn poor_fill(removed: &Removed, left: usize, protrusion: f64, crowding: f64) -> String {
-    let Removed { sticking_out, overlapping, escaped } = *removed;
-    let all = sticking_out + overlapping + escaped;
+    let Removed { sticking_out, overlapping, escaped, cutting } = *removed;
+    let all = sticking_out + overlapping + escaped + cutting;
     if all > left {
         let remedy = if sticking_out >= overlapping.max(escaped) {
             format!("raise fill.protrusion (it is {protrusion})")
@@ -117,70 +131,290 @@ pub fn bodies(count: usize) -> String {
     counted(count, "body", "bodies")
 }
 
-/// Warnings about the guard's actions.
-fn guard(sim: &Simulation) -> Vec<String> {
-    let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
-    let actions = &sim.guard.actions;
-    let mut warnings = guard::describe_aside(&actions.aside, name);
-    warnings.iter_mut().for_each(|text| text.push_str(": set aside"));
-    if actions.retries > 0 {
-        let were = if actions.retries == 1 { "was" } else { "were" };
-        let steps = counted(actions.retries as usize, "step", "steps");
-        warnings.push(format!("{steps} gained energy or speed and {were} repeated in smaller ones"));
+/// What the guard did, and what it left.
+#[derive(Default)]
+struct Guarded {
+    /// Sentences about the bodies that it set aside.
+    aside: Vec<String>,
+    retries: u64,
+    stiffened: bool,
+    /// Pairs of bodies that are still deep in each other.
+    deep: usize,
+}
+
+impl Guarded {
+    fn of(sim: &Simulation) -> Guarded {
+        let name = |id: BodyId| format!("{id} ({})", sim.pile.scene.props[sim.pile.instances[id].prop].model.name);
+        let actions = &sim.guard.actions;
+        Guarded {
+            aside: guard::describe_aside(&actions.aside, name),
+            retries: actions.retries,
+            stiffened: actions.stiffened > 0,
+            deep: if actions.sinks { sim.guard.still_deep(&sim.pile.world) } else { 0 },
+        }
     }
-    let deep = if actions.sinks { sim.guard.still_deep(&sim.pile.world) } else { 0 };
-    if deep > 0 {
-        let pairs = counted(deep, "pair of bodies overlaps", "pairs of bodies overlap");
-        let even = if actions.stiffened > 0 { ", even with stiffer contacts" } else { "" };
-        warnings.push(format!("{pairs} by more than half of the thinner one's thickness in the end{even}"));
+
+    fn warnings(self) -> Vec<String> {
+        let mut warnings: Vec<String> = self.aside.iter().map(|text| format!("{text}: set aside")).collect();
+        if self.retries > 0 {
+            let were = if self.retries == 1 { "was" } else { "were" };
+            let steps = counted(self.retries as usize, "step", "steps");
+            warnings.push(format!("{steps} gained energy or speed and {were} repeated in smaller ones"));
+        }
+        if self.deep > 0 {
+            let pairs = counted(self.deep, "pair of bodies overlaps", "pairs of bodies overlap");
+            let even = if self.stiffened { ", even with stiffer contacts" } else { "" };
+            warnings.push(format!("{pairs} by more than half of the thinner one's thickness in the end{even}"));
+        }
+        warnings
     }
-    warnings
+}
+
+/// Warnings about bodies that cut scenery in the end.
+pub fn cuts(inputs: &ReportInputs, sim: &Simulation) -> Vec<String> {
+    let world = &sim.pile.world;
+    let container = inputs.filled.map(|(container, _)| container);
+    let buried = |id: BodyId| {
+        let (Some(container), body) = (container.filter(|of| !of.scenery().is_empty()), &world.bodies()[id]) else {
+            return 0.0;
+        };
+        let (shape, size) = (&inputs.shapes[body.prop], body.scale / world.units.length);
+        corners(shape, size, &world.pose(id)).map(|p| container.depth_in_scenery(p)).fold(0.0, f64::max)
+    };
+    let cuts = contacts::cuts(world, buried);
+    let cut = |cut: &Cut| {
+        let mut of_kind = inputs.scene.statics.iter().filter(|model| model.keys.is_empty() != cut.moves);
+        let name = of_kind.nth(cut.piece).map_or("the scenery", |model| &model.model.name);
+        let body = counted(cut.bodies, "body cuts", "bodies cut");
+        let remedy = match cut.moves {
+            true => "move it more slowly, or give it more thickness",
+            false => "use more accuracy, or smaller props, or give the scenery more thickness",
+        };
+        format!("{body} {name}, by up to {:.4} m; {remedy}", cut.depth * world.units.length)
+    };
+    cuts.iter().map(cut).collect()
 }
 
 /// Warnings about the end of the bake.
 pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<String> {
-    let mut warnings = Vec::new();
-    if !held.at_rest && held.moving > 0 {
-        let moved = counted(held.moving, "body was", "bodies were");
-        warnings.push(format!("{moved} still moving at the last frame; bake more frames, or raise hold.patience"));
-    } else if !held.at_rest {
-        let text = "no body moved at the last frame, but the pile had not been still for long enough to count as at \
-                    rest; bake more frames";
-        warnings.push(text.into());
-    }
-    if sim.fallen > 0 {
-        let bodies = bodies(sim.fallen);
-        warnings.push(format!("{bodies} fell past the scenery and were set aside: there is no ground"));
-    }
-    warnings.extend(guard(sim));
-    if let Some(Some(hanging)) = measures.get("hanging")
-        && *hanging > 0.0
-    {
-        let rest = counted(*hanging as usize, "body rests", "bodies rest");
-        warnings.push(format!("{rest} without a chain of contacts down to the ground"));
-    }
+    let hanging = measures.get("hanging").copied().flatten().unwrap_or(0.0) as usize;
+    let mut warnings = rest(held);
+    warnings.extend(fallen(sim.fallen));
+    warnings.extend(Guarded::of(sim).warnings());
+    warnings.extend(unsupported(hanging));
     warnings
+}
+
+/// Warnings about a pile that is not at rest.
+fn rest(held: HoldOutcome) -> Vec<String> {
+    if held.at_rest {
+        return Vec::new();
+    }
+    let text = match held.moving {
+        0 => "no body moved at the last frame, but the pile had not been still for long enough to count as at rest; \
+              bake more frames"
+            .into(),
+        moving => {
+            let moved = counted(moving, "body was", "bodies were");
+            format!("{moved} still moving at the last frame; bake more frames, or raise hold.patience")
+        }
+    };
+    vec![text]
+}
+
+fn fallen(count: usize) -> Option<String> {
+    let fell = bodies(count);
+    let were = if count == 1 { "was" } else { "were" };
+    (count > 0).then(|| format!("{fell} fell past the scenery and {were} set aside: there is no ground"))
+}
+
+fn unsupported(count: usize) -> Option<String> {
+    let rest = counted(count, "body rests", "bodies rest");
+    (count > 0).then(|| format!("{rest} without a chain of contacts down to the ground"))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Removed, poor_fill};
+    use super::{Guarded, HoldOutcome, Removed, Shaken, fallen, poor_fill, removed, rest, shaken, unsupported};
+    use crate::sim::guard::{AsideReason, describe_aside};
+    use crate::testing::says_only;
 
     /// Each remedy is that of its cause.
     #[test]
     fn a_poor_fill_has_the_cause_that_it_has() {
         let none = Removed::default();
-        let out = Removed { sticking_out: 90, overlapping: 3, escaped: 1 };
-        let deep = Removed { sticking_out: 3, overlapping: 90, escaped: 1 };
-        for (removed, left, crowding, words) in [
-            (none, 50, 2.0, "its parts are narrow for these props"),
-            (none, 50, 0.5, "a lower fill.full_below goes on for longer"),
-            (out, 50, 2.0, "94 of 144 bodies were removed again; raise fill.protrusion (it is 0)"),
-            (deep, 50, 0.5, "use more accuracy, or props of a simpler shape"),
-            (out, 500, 2.0, "its parts are narrow for these props"),
+        let out = Removed { sticking_out: 90, overlapping: 3, escaped: 1, cutting: 0 };
+        let deep = Removed { sticking_out: 3, overlapping: 90, escaped: 1, cutting: 0 };
+        for (case, removed, left, crowding, words, remedy) in [
+            ("when its parts are narrow", none, 50, 2.0, "its parts are narrow for these props", ""),
+            (
+                "when the fill ended early",
+                none,
+                50,
+                0.5,
+                "; a lower fill.full_below goes on for longer, and fill.method = \"pour\" packs some props better",
+                "",
+            ),
+            (
+                "when most stuck out",
+                out,
+                50,
+                2.0,
+                "94 of 144 bodies were removed again; ",
+                "raise fill.protrusion (it is 0)",
+            ),
+            (
+                "when most overlapped",
+                deep,
+                50,
+                0.5,
+                "94 of 144 bodies were removed again; ",
+                "use more accuracy, or props of a simpler shape",
+            ),
+            ("when few of many stuck out", out, 500, 2.0, "its parts are narrow for these props", ""),
         ] {
             let text = poor_fill(&removed, left, 0.0, crowding);
-            assert!(text.contains(words), "{removed:?}: {text}");
+            assert!(text.contains(remedy), "{case}: {text}");
+            says_only(case, &[text], &[words]);
+        }
+    }
+
+    #[test]
+    fn each_warning_of_the_fill_has_its_cause() {
+        let none = Removed::default();
+        let back = |taken_back: bool| Some(Shaken { steps: 9, taken_back });
+        for (case, taken, shake, words) in [
+            ("when nothing was removed", none, None, &[] as &[&str]),
+            (
+                "when bodies stuck out",
+                Removed { sticking_out: 2, ..none },
+                None,
+                &["2 bodies that stuck out were removed after the fill"],
+            ),
+            (
+                "when one body overlapped",
+                Removed { overlapping: 1, ..none },
+                None,
+                &["1 body that overlapped another was removed after the fill"],
+            ),
+            (
+                "when bodies overlapped",
+                Removed { overlapping: 2, ..none },
+                None,
+                &["2 bodies that overlapped another were removed after the fill"],
+            ),
+            (
+                "when bodies left the container",
+                Removed { escaped: 3, ..none },
+                None,
+                &["3 bodies that left the container were removed after the fill"],
+            ),
+            (
+                "when bodies reached into scenery",
+                Removed { cutting: 2, ..none },
+                None,
+                &["2 bodies that reached into scenery were removed after the fill"],
+            ),
+            ("when shaking helped", none, back(false), &[]),
+            (
+                "when shaking did harm",
+                none,
+                back(true),
+                &["shaking made the shape worse and was undone; lower fill.shake, or leave it out"],
+            ),
+        ] {
+            let said: Vec<String> = removed(&taken).into_iter().chain(shaken(shake.as_ref())).collect();
+            says_only(case, &said, words);
+        }
+    }
+
+    #[test]
+    fn each_warning_of_the_end_has_its_cause() {
+        let still = HoldOutcome { at_rest: true, moving: 0, resting_speed_max: 0.0, rest: None };
+        let aside = |why: AsideReason| Guarded {
+            aside: describe_aside(&[(4, why), (6, why)], |id| format!("{id} (brick)")),
+            ..Guarded::default()
+        };
+        let none = Guarded::default;
+        for (case, held, fell, guarded, hanging, words) in [
+            ("when all is well", still, 0, none(), 0, &[] as &[&str]),
+            (
+                "when bodies still move",
+                HoldOutcome { at_rest: false, moving: 2, ..still },
+                0,
+                none(),
+                0,
+                &["2 bodies were still moving at the last frame; bake more frames, or raise hold.patience"],
+            ),
+            (
+                "when it was not still for long enough",
+                HoldOutcome { at_rest: false, ..still },
+                0,
+                none(),
+                0,
+                &["no body moved at the last frame, but the pile had not been still for long enough"],
+            ),
+            (
+                "when bodies fell past the scenery",
+                still,
+                2,
+                none(),
+                0,
+                &["2 bodies fell past the scenery and were set aside: there is no ground"],
+            ),
+            (
+                "when numbers ran out",
+                still,
+                0,
+                aside(AsideReason::NotFinite),
+                0,
+                &["bodies 4 (brick), 6 (brick) (2 in all) became numerically unstable: set aside"],
+            ),
+            (
+                "when bodies were thrown",
+                still,
+                0,
+                aside(AsideReason::TooFast),
+                0,
+                &["(2 in all) became faster than anything in the scene could make them: set aside"],
+            ),
+            (
+                "when bodies fell through the ground",
+                still,
+                0,
+                aside(AsideReason::BelowGround),
+                0,
+                &["(2 in all) fell through the ground: set aside"],
+            ),
+            (
+                "when steps were repeated",
+                still,
+                0,
+                Guarded { retries: 3, ..none() },
+                0,
+                &["3 steps gained energy or speed and were repeated in smaller ones"],
+            ),
+            (
+                "when bodies are deep in each other",
+                still,
+                0,
+                Guarded { deep: 2, stiffened: true, ..none() },
+                0,
+                &["2 pairs of bodies overlap by more than half of the thinner one's thickness in the end, even with \
+                   stiffer contacts"],
+            ),
+            ("when stiffer contacts helped", still, 0, Guarded { stiffened: true, ..none() }, 0, &[]),
+            (
+                "when bodies hang",
+                still,
+                0,
+                none(),
+                2,
+                &["2 bodies rest without a chain of contacts down to the ground"],
+            ),
+        ] {
+            let said = rest(held).into_iter().chain(fallen(fell)).chain(guarded.warnings()).chain(unsupported(hanging));
+            says_only(case, &said.collect::<Vec<_>>(), words);
         }
     }
 }

@@ -1,8 +1,9 @@
 //! Looks at the motion of a pile for what no one would believe: bodies in the air that do not fall as they should,
 //! bodies that fall although nothing touched them after they had stood, and energy out of nothing.
 
-use crate::world::{BodyId, PairSide, REST_SPEED, Role, World};
+use crate::world::{BodyId, ClusterId, PairSide, REST_SPEED, Role, World};
 use glam::DVec3;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A body that has been at rest for this long stands, s; of large bodies, which begin to fall slowly, for this many
 /// characteristic times.
@@ -55,6 +56,7 @@ impl Motion {
         let standing = (STANDING / world.units.time).max(STANDING_TIMES);
         self.stands.resize(world.bodies().len(), Standing::default());
         let touched = self.touched(world);
+        let mut leaving = BTreeMap::new();
         for id in world.present() {
             let stand = &mut self.stands[id];
             let is_released = matches!(world.bodies()[id].role, Role::Free | Role::Frozen);
@@ -66,7 +68,7 @@ impl Motion {
                 stand.stood += world.step_length();
             } else {
                 if stand.stood >= standing && !touched[id] {
-                    stand.left_at = Some(height);
+                    leaving.insert(id, height);
                 }
                 (stand.rested, stand.stood) = (0.0, 0.0);
             }
@@ -77,9 +79,32 @@ impl Motion {
                 self.second_collapse += 1;
             }
         }
+        self.excuse(world, &touched, &mut leaving);
+        leaving.into_iter().for_each(|(id, height)| self.stands[id].left_at = Some(height));
     }
 
-    /// Bodies on which something presses that has moved for at least two steps. Shape `[body]`.
+    /// Takes out of `leaving` the bodies that leave since what they stood on was touched, and went.
+    fn excuse(&self, world: &World, touched: &[bool], leaving: &mut BTreeMap<BodyId, f64>) {
+        let mut left = leaving.len() + 1;
+        while leaving.len() < left {
+            left = leaving.len();
+            let goes = |side: PairSide| match side {
+                PairSide::Body(b) => {
+                    let stand = &self.stands[b];
+                    !leaving.contains_key(&b) && (touched[b] || stand.moves && stand.left_at.is_none())
+                }
+                PairSide::Moving => true,
+                PairSide::Ground | PairSide::Scenery => false,
+            };
+            let excused: Vec<BodyId> = leaving.keys().copied().filter(|&id| world.touched_by(id).any(goes)).collect();
+            for id in &excused {
+                leaving.remove(id);
+            }
+        }
+    }
+
+    /// Bodies on which something presses that has moved for at least two steps, and what is glued to them. Shape
+    /// `[body]`.
     fn touched(&self, world: &World) -> Vec<bool> {
         let mut touched = vec![false; self.stands.len()];
         for id in world.present() {
@@ -94,6 +119,11 @@ impl Motion {
                     _ => {}
                 }
             }
+        }
+        let shaken: BTreeSet<ClusterId> =
+            world.present().filter(|&id| touched[id]).filter_map(|id| world.cluster_of(id)).collect();
+        for id in world.present().filter(|&id| world.cluster_of(id).is_some_and(|cluster| shaken.contains(&cluster))) {
+            touched[id] = true;
         }
         touched
     }

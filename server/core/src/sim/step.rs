@@ -181,6 +181,7 @@ impl<'a> Simulation<'a> {
             motion.expect_fall(id);
         }
         for id in glue.break_overloaded(world, policy) {
+            motion.expect_fall(id);
             control.release(id);
         }
     }

@@ -4,7 +4,7 @@
 
 use crate::input::observer::{Frame, FrameBody, Observer, Progress, Stage};
 use crate::input::params::{Base, Fill, Params, Physics};
-use crate::input::scene::{Model, PlacedBody, Prop, Scene};
+use crate::input::scene::{Model, PlacedBody, Prop, Scene, StaticModel};
 use crate::prepare::check::CheckedScene;
 use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
@@ -15,6 +15,10 @@ use std::ops::ControlFlow;
 pub struct FillInputs<'a> {
     control: &'a Option<Model>,
     props: &'a [Prop],
+    /// As it stands in the first frame: the fill leaves room for it.
+    statics: &'a [StaticModel],
+    /// Whether there is a ground: without one, nothing lies below a landscape.
+    has_ground: bool,
     /// Those that are there from the beginning: the fill leaves room for them.
     bodies: Vec<&'a PlacedBody>,
     diameter: f64,
@@ -39,6 +43,8 @@ impl<'a> FillInputs<'a> {
         FillInputs {
             control: &scene.control,
             props: &scene.props,
+            statics: &scene.statics,
+            has_ground: params.ground,
             bodies: scene.bodies.iter().filter(|body| body.is_stacked()).collect(),
             diameter: checked.diameter,
             shares: &checked.shares,

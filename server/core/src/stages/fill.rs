@@ -47,6 +47,9 @@ pub struct Removed {
     pub sticking_out: usize,
     pub overlapping: usize,
     pub escaped: usize,
+    /// Reached into scenery.
+    #[serde(default)]
+    pub cutting: usize,
 }
 
 /// Outcome of shaking.
@@ -93,13 +96,18 @@ pub fn run(
             outer: outer.as_ref().map(|outer| &outer.mesh),
             core: container.core.as_ref(),
             floor: container.base,
+            scenery: container.scenery(),
         },
     )?;
     let full = match poured {
-        Some(full) => full,
+        Some(full) => {
+            filling.remove_from_scenery();
+            full
+        }
         None => fill_closed(&mut *method, &mut filling, zones.as_ref(), wanted, observer)?,
     };
     filling.use_real_friction();
+    filling.world.use_scenery_friction(&enclosure);
     // Turned over with the container still around it, the pile closes its gaps under its own weight.
     filling.point_gravity(DVec3::NEG_Y);
     if full {
@@ -120,6 +128,9 @@ pub fn run(
     }
     let shaken = if fill.shake > 0.0 { Some(shake::run(&mut filling, observer)?) } else { None };
     let depenetration_steps = part(&mut filling, observer)?;
+    if !container.scenery().is_empty() {
+        filling.clear_scenery(observer)?;
+    }
     filling.world.remove_enclosure(enclosure);
     filling.world.validate(wanted);
     let bodies: Vec<Instance> = filling.world.loose().map(|id| filling.world.instance(id)).collect();

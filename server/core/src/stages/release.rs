@@ -6,6 +6,7 @@ use crate::input::observer::{Observer, Stage};
 use crate::input::params::{Params, ReleaseOrder, Switch};
 use crate::sim::step::Simulation;
 use crate::world::{BodyId, Role, World};
+use glam::DVec3;
 use std::collections::BTreeMap;
 
 /// The withdrawal of the control follows the release at this distance, characteristic times. Bodies that are held for
@@ -13,17 +14,18 @@ use std::collections::BTreeMap;
 const LAG: f64 = 1.0;
 
 /// Releases the layers one after the other. `stands`: the control is withdrawn behind them, so that the pile stands by
-/// itself.
+/// itself. `support`: height of what carries a place, engine units.
 pub fn run(
     sim: &mut Simulation,
     params: &Params,
     order: ReleaseOrder,
     stands: bool,
+    support: &dyn Fn(DVec3) -> f64,
     observer: &mut dyn Observer,
 ) -> Result<(), Error> {
     let world = &sim.pile.world;
     let interval = (world.units.duration(params.release.interval) / world.step_length()).round().max(1.0) as u64;
-    let layers = layers(world, params.release.layer, order);
+    let layers = layers(world, params.release.layer, order, support);
     let total = layers.len() as u64 * interval;
     sim.show(observer, Stage::Release);
     if stands && params.control.until.is_none() && params.control.stand != Switch::On && sim.pile.control.is_on() {
@@ -40,10 +42,13 @@ pub fn run(
     Ok(())
 }
 
-/// Waiting bodies by the height of their centre of mass, in slices of `thickness` from the lowest on; empty slices are
-/// left out.
-fn layers(world: &World, thickness: f64, order: ReleaseOrder) -> Vec<Vec<BodyId>> {
-    let height = |id: BodyId| world.pose(id).translation.y;
+/// Waiting bodies by the height of their centre of mass above what carries the pile there, in slices of `thickness`
+/// from the lowest on; empty slices are left out.
+fn layers(world: &World, thickness: f64, order: ReleaseOrder, support: &dyn Fn(DVec3) -> f64) -> Vec<Vec<BodyId>> {
+    let height = |id: BodyId| {
+        let place = world.pose(id).translation;
+        place.y - support(place)
+    };
     let waiting = || world.present().filter(|&id| world.bodies()[id].role == Role::Waiting);
     let lowest = waiting().map(height).fold(f64::INFINITY, f64::min);
     let mut slices = BTreeMap::<u64, Vec<BodyId>>::new();

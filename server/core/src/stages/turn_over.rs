@@ -4,6 +4,7 @@ use crate::error::Error;
 use crate::geometry::interior::DistanceGrid;
 use crate::input::params::{Params, Switch};
 use crate::input::scene::Scene;
+use crate::prepare::check::FLOATING;
 use crate::prepare::container::core::Core;
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::prepare::shape::Shape;
@@ -31,6 +32,14 @@ pub struct TurnOverInputs<'a, 'r> {
     pub core: Option<&'a Core>,
     /// The region of the control, engine units; `None`: everywhere.
     pub region: Option<&'a DistanceGrid>,
+}
+
+impl TurnOverInputs<'_, '_> {
+    /// Whether the control mesh stands on the ground: a pile in the air starts where it is modelled.
+    fn stands(&self) -> bool {
+        let low = self.scene.control.as_ref().map(|model| model.mesh.bounds().0.y);
+        low.is_some_and(|low| low - self.ground <= FLOATING * self.units.length)
+    }
 }
 
 /// A body that has fallen this far below all of the scene, in d, can no longer hit anything.
@@ -73,6 +82,7 @@ fn set_down(pile: &mut Pile, filled: usize, inputs: &TurnOverInputs) {
         && inputs.scene.statics.is_empty()
         && inputs.core.is_none()
         && gap > 0.0
+        && inputs.stands()
         && gap.is_finite())
     {
         return;

@@ -83,6 +83,8 @@ pub struct World {
     bodies: bodies::Bodies,
     nails: joints::nails::NailJoints,
     moving: Vec<scenery::MovingPiece>,
+    /// Scenery that stands still, in the order in which it was added.
+    scenery: Vec<rapier3d::prelude::ColliderHandle>,
     ccd: Switch,
     rolling: Rolling,
     creep: Creep,
@@ -101,6 +103,7 @@ impl World {
             bodies: bodies::Bodies::default(),
             nails: joints::nails::NailJoints::default(),
             moving: Vec::new(),
+            scenery: Vec::new(),
             ccd: physics.switches.continuous_collision,
             rolling: Rolling::new(physics),
             creep: Creep::default(),

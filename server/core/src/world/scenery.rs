@@ -96,11 +96,27 @@ impl World {
         self.engine.remove_collider(wall.0);
     }
 
+    pub fn set_wall_friction(&mut self, wall: WallId, friction: f64) {
+        self.engine.colliders[wall.0].set_friction(friction as f32);
+    }
+
     /// Static geometry. The mesh is in SI.
     pub fn add_scenery(&mut self, mesh: &TriMesh, friction: f64) -> Result<(), String> {
-        let scenery = mesh_collider(&self.units.mesh_to_engine(mesh), 1.0, friction, TWO_SIDED, Owner::Scenery)?;
-        self.engine.insert_collider(scenery, None);
-        Ok(())
+        self.add_piece(&self.units.mesh_to_engine(mesh), friction).map(|_| ())
+    }
+
+    /// The same, in engine units.
+    pub fn add_piece(&mut self, mesh: &TriMesh, friction: f64) -> Result<WallId, String> {
+        let scenery = mesh_collider(mesh, 1.0, friction, TWO_SIDED, Owner::Scenery)?;
+        let piece = self.engine.insert_collider(scenery, None);
+        self.scenery.push(piece);
+        Ok(WallId(piece))
+    }
+
+    /// Whether a collider is scenery that moves, and its index among those; `None`: it is none.
+    pub(super) fn piece(&self, handle: ColliderHandle) -> Option<(bool, usize)> {
+        let still = self.scenery.iter().position(|piece| *piece == handle).map(|index| (false, index));
+        still.or_else(|| Some((true, self.moving.iter().position(|piece| piece.collider == handle)?)))
     }
 
     /// The core of a pile, closed: bodies that have sunk into it are pushed out. The mesh is in SI.
@@ -122,6 +138,9 @@ impl World {
         let collider = mesh_collider(mesh, self.units.length, friction, TWO_SIDED, Owner::Moving(id))?;
         let rigid = RigidBodyBuilder::kinematic_position_based().pose(to_engine(&pose));
         let (handle, collider) = self.engine.insert(rigid, collider);
+        // The engine would know it from its next step on: until then, the control would not see what it carries.
+        let bounds = self.engine.colliders[collider].compute_aabb();
+        self.engine.broad_phase.set_aabb(&self.engine.integration_parameters, collider, bounds);
         let radius = mesh.points.iter().map(|p| p.length()).fold(0.0, f64::max) / self.units.length;
         self.moving.push(MovingPiece { handle, collider, pose, radius, moves: false });
         Ok(id)

@@ -6,21 +6,26 @@ mod process_pool;
 use super::bounds::Bounds;
 use super::cache_args::CacheArgs;
 use super::progress::{self, Mode};
+use super::remote::{ConnectionArgs, QueueArgs};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, print, print_error};
 use crate::batch::finished::{Assets, RequestHashes, is_finished};
 use crate::batch::{Matrix, Seeds, Span, Variant, Vary};
 use crate::failpoints;
 use crate::job::{Job, Refused};
+use crate::model::export::Format;
 use crate::problem::Problem;
 use overview::{BatchProgress, VariantOutcome};
 use process_pool::{BakeEnd, PoolEvent, PoolTask};
 use rayon::prelude::*;
+use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
 /// Bakes variants of a scene: every seed with every combination of values
+///
+/// With `--server`, they are baked there, as many at once as `--jobs` says.
 ///
 /// Each result has its report beside it (3.glb, 3.report.json). Run again, it bakes only missing results. It recognizes
 /// results by the hash of scene, files, parameters, seed and version in their reports, and checks the hash of their
@@ -47,7 +52,8 @@ pub struct Args {
     #[arg(long, value_name = "FIELD=VALUE,VALUE")]
     vary: Vec<Vary>,
 
-    /// Paths of the results, with {seed}, {index} or names of varied fields; the extension sets the format
+    /// Paths of the results, with {seed}, {index} or names of varied fields, or {seed:04} for numbers with zeros before
+    /// them; the extension sets the format
     #[arg(short, long, value_name = "PATTERN")]
     output: String,
 
@@ -63,9 +69,23 @@ pub struct Args {
     #[arg(long)]
     dry_run: bool,
 
+    /// Print the variants as JSON: index, result, state, and the figures of the table
+    #[arg(long)]
+    json: bool,
+
     /// Form of the progress on stderr, unless stated otherwise
     #[arg(long, value_enum, default_value_t = Mode::Auto)]
     pub progress: Mode,
+
+    /// Bake on a server: HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", help_heading = "Server")]
+    server: Option<String>,
+
+    #[command(flatten)]
+    connection: ConnectionArgs,
+
+    #[command(flatten)]
+    queue: QueueArgs,
 
     #[command(flatten)]
     bounds: Bounds,
@@ -84,6 +104,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .map(|(variant, hashes)| is_finished(&variant.output, &variant.report(), &hashes.request))
         .collect();
     let missing: Vec<usize> = (0..variants.len()).filter(|&i| !finished[i]).collect();
+    if args.dry_run && args.json {
+        let list = variants.iter().zip(&finished).map(|(variant, is_there)| {
+            let state = if *is_there { "finished" } else { "missing" };
+            json!({ "index": variant.index, "result": variant.output, "state": state })
+        });
+        return print(&format!("{:#}\n", list.collect::<Value>()));
+    }
     if args.dry_run {
         let lines = variants.iter().zip(&finished).map(|(variant, is_there)| {
             let state = if *is_there { "finished" } else { "missing" };
@@ -93,7 +120,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     check(args, &variants, &missing)?;
     let ends = bake(args, &variants, &hashes, &missing)?;
-    report_outcomes(&variants, &finished, ends)
+    report_outcomes(&variants, &finished, ends, args.json)
 }
 
 fn part(variants: Vec<Variant>, range: Option<Span>) -> Result<Vec<Variant>, Failure> {
@@ -144,6 +171,8 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
     if samples.is_empty() {
         samples.extend(missing.first().map(|&i| &variants[i]));
     }
+    // The largest of the samples' results counts for all.
+    let mut most_bytes = 0;
     progress::while_reading(args.progress, || {
         for variant in samples {
             let job = Job::read_tree(&variant.tree, args.bounds.limits());
@@ -151,16 +180,24 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
                 Err(cairn_core::Error::Invalid(found)) => {
                     Err(Refused { problems: found.into_iter().map(Problem::from).collect(), notes: job.notes })
                 }
-                _ => Ok(()),
+                Ok(plan) => Ok(Format::of(&variant.output).map_or(0, |format| job.most_bytes(&plan, format))),
+                Err(_) => Ok(0),
             });
-            if let Err(refused) = checked {
-                problems.extend(refused.problems);
-                notes.extend(refused.notes);
+            match checked {
+                Ok(bytes) => most_bytes = bytes.max(most_bytes),
+                Err(refused) => {
+                    problems.extend(refused.problems);
+                    notes.extend(refused.notes);
+                }
             }
         }
     });
     notes.dedup();
-    fail_for(problems).map_err(|failure| failure.with_notes(&notes))
+    fail_for(problems).map_err(|failure| failure.with_notes(&notes))?;
+    match missing.first() {
+        Some(&first) => output::check_room(&variants[first].output, most_bytes * missing.len() as u64),
+        None => Ok(()),
+    }
 }
 
 /// The end of each missing variant; `None`: it was not started.
@@ -174,6 +211,11 @@ fn bake(args: &Args, variants: &[Variant], hashes: &[RequestHashes], missing: &[
     common.extend(args.bounds.to_args());
     common.extend(args.cache.to_args());
     common.extend(["--threads".into(), threads.to_string().into()]);
+    if let Some(server) = &args.server {
+        common.extend(["--server".into(), server.into()]);
+        common.extend(args.connection.to_args());
+        common.extend(args.queue.to_args());
+    }
     let task = |&number: &usize| {
         let variant = &variants[number];
         let set = variant.assignments.iter().flat_map(|assignment| ["--set".into(), OsString::from(assignment)]);
@@ -195,7 +237,7 @@ fn bake(args: &Args, variants: &[Variant], hashes: &[RequestHashes], missing: &[
     Ok(ends)
 }
 
-fn report_outcomes(variants: &[Variant], finished: &[bool], mut ends: Ends) -> Result<(), Failure> {
+fn report_outcomes(variants: &[Variant], finished: &[bool], mut ends: Ends, as_json: bool) -> Result<(), Failure> {
     /// Exit codes of bakes, worst first; other codes are worse still. A killed bake counts as one to try again.
     const WORST: [u8; 4] = [70, 65, 2, 75];
     let mut codes = Vec::new();
@@ -212,7 +254,10 @@ fn report_outcomes(variants: &[Variant], finished: &[bool], mut ends: Ends) -> R
             }
         };
     }
-    print(&overview::table(&outcomes))?;
+    match as_json {
+        true => print(&format!("{:#}\n", overview::json(&outcomes)))?,
+        false => print(&overview::table(&outcomes))?,
+    }
     for (variant, outcome) in &outcomes {
         if let VariantOutcome::Failed(why) = outcome {
             print_error(&format!("{}: {why}", variant.output.display()));

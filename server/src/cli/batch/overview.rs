@@ -6,7 +6,7 @@ use crate::cli;
 use crate::cli::progress::{Display, Mode, openjd};
 use crate::job::report::ReportFile;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -105,17 +105,52 @@ pub enum VariantOutcome {
     NotBaked,
 }
 
+impl VariantOutcome {
+    /// Its result is there.
+    fn is_there(&self) -> bool {
+        matches!(self, VariantOutcome::Skipped | VariantOutcome::Baked)
+    }
+}
+
+/// The report of a variant whose result is there.
+fn report(variant: &Variant, outcome: &VariantOutcome) -> Option<ReportFile> {
+    let read = || serde_json::from_slice(&std::fs::read(variant.report()).ok()?).ok();
+    outcome.is_there().then(read).flatten()
+}
+
+/// The same as JSON.
+pub fn json(rows: &[(&Variant, VariantOutcome)]) -> Value {
+    let row = |(variant, outcome): &(&Variant, VariantOutcome)| {
+        let (state, error) = match outcome {
+            VariantOutcome::Skipped => ("finished before", None),
+            VariantOutcome::Baked => ("baked", None),
+            VariantOutcome::Failed(why) => ("failed", Some(why)),
+            VariantOutcome::NotBaked => ("not baked", None),
+        };
+        let report = report(variant, outcome);
+        json!({
+            "index": variant.index,
+            "result": variant.output,
+            "state": state,
+            "error": error,
+            "bodies": report.as_ref().and_then(|report| report.bodies),
+            "kept_shape": report.as_ref().and_then(|report| *report.measures.get("kept_shape")?),
+            "cpu_seconds": report.as_ref().and_then(|report| report.cpu_seconds),
+        })
+    };
+    rows.iter().map(row).collect()
+}
+
 /// A table with a row for each variant.
 pub fn table(rows: &[(&Variant, VariantOutcome)]) -> String {
     let row = |(variant, outcome): &(&Variant, VariantOutcome)| {
-        let (state, is_there) = match outcome {
-            VariantOutcome::Skipped => ("finished before".to_owned(), true),
-            VariantOutcome::Baked => ("baked".to_owned(), true),
-            VariantOutcome::Failed(why) => (format!("FAILED: {}", why.lines().next().unwrap_or_default()), false),
-            VariantOutcome::NotBaked => ("not baked".to_owned(), false),
+        let state = match outcome {
+            VariantOutcome::Skipped => "finished before".to_owned(),
+            VariantOutcome::Baked => "baked".to_owned(),
+            VariantOutcome::Failed(why) => format!("FAILED: {}", why.lines().next().unwrap_or_default()),
+            VariantOutcome::NotBaked => "not baked".to_owned(),
         };
-        let read = || -> Option<ReportFile> { serde_json::from_slice(&std::fs::read(variant.report()).ok()?).ok() };
-        let report = is_there.then(read).flatten();
+        let report = report(variant, outcome);
         let figure = |get: fn(&ReportFile) -> Option<f64>, digits| {
             report.as_ref().and_then(get).map_or(String::new(), |value| format!("{value:.digits$}"))
         };

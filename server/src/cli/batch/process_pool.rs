@@ -95,6 +95,12 @@ struct ProcessPool<'a, Report> {
     report: Mutex<Report>,
 }
 
+/// A line about an error.
+#[derive(Deserialize)]
+struct Error {
+    error: String,
+}
+
 /// A line of `--progress json`.
 #[derive(Deserialize)]
 struct Line {
@@ -178,8 +184,8 @@ impl<Report: FnMut(PoolEvent) + Send> ProcessPool<'_, Report> {
                     self.fill_is_done(number);
                 }
                 self.report(PoolEvent::Progress(number, (stage as f64 + fraction) / STAGES.len() as f64));
-            } else if let Some(error) = line.strip_prefix("error: ") {
-                errors.push(error.to_owned());
+            } else if let Ok(Error { error }) = serde_json::from_str(&line) {
+                errors.push(error);
             }
         }
         errors.join("\n")

@@ -115,6 +115,30 @@ struct FormatRow {
     is_single_file: bool,
     /// Whether a result holds the pile's figures, so that it is written after the measures.
     holds_measures: bool,
+    size: FormatSize,
+}
+
+/// Upper bounds of the size of a result's parts, bytes, besides its models. `tests/cli/outputs.rs` holds results
+/// against them.
+#[derive(Clone, Copy)]
+pub struct FormatSize {
+    /// Of what every result has.
+    pub file: u64,
+    /// Of a body, at rest.
+    pub body: u64,
+    /// Of a body in one frame.
+    pub pose: u64,
+}
+
+impl FormatSize {
+    /// Nodes, channels and accessors as JSON; times, places and turns as floats.
+    const GLB: FormatSize = FormatSize { file: 16 << 10, body: 1500, pose: 32 };
+    /// Places, turns and velocities as floats.
+    const USD: FormatSize = FormatSize { file: 64 << 10, body: 200, pose: 52 };
+    /// The same as text.
+    const USDA: FormatSize = FormatSize { pose: 260, ..FormatSize::USD };
+    /// Numbers with all their digits.
+    const TABLE: FormatSize = FormatSize { file: 16 << 10, body: 200, pose: 220 };
 }
 
 impl Format {
@@ -129,20 +153,29 @@ impl Format {
             states_origin: true,
             is_single_file: true,
             holds_measures: true,
+            size: FormatSize::USD,
         };
         match self {
-            Format::Glb => FormatRow { holds_measures: false, ..row("glb", OutputFormat::Glb, glb::encode) },
+            Format::Glb => {
+                FormatRow { holds_measures: false, size: FormatSize::GLB, ..row("glb", OutputFormat::Glb, glb::encode) }
+            }
             Format::Usdc => FormatRow { is_single_file: false, ..row("usdc", OutputFormat::Usdc, usd::encode_crate) },
-            Format::Usda => FormatRow { is_single_file: false, ..row("usda", OutputFormat::Usda, usd::encode_text) },
+            Format::Usda => FormatRow {
+                is_single_file: false,
+                size: FormatSize::USDA,
+                ..row("usda", OutputFormat::Usda, usd::encode_text)
+            },
             Format::Usdz => row("usdz", OutputFormat::Usdz, usd::encode_package),
             Format::Json => FormatRow {
                 states_origin: false,
                 holds_measures: false,
+                size: FormatSize::TABLE,
                 ..row("json", OutputFormat::Json, table::encode_json)
             },
             Format::Csv => FormatRow {
                 states_origin: false,
                 holds_measures: false,
+                size: FormatSize::TABLE,
                 ..row("csv", OutputFormat::Csv, table::encode_csv)
             },
         }
@@ -163,6 +196,10 @@ impl Format {
 
     pub fn is_single_file(self) -> bool {
         self.row().is_single_file
+    }
+
+    pub fn size(self) -> FormatSize {
+        self.row().size
     }
 
     pub fn holds_measures(self) -> bool {

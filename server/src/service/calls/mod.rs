@@ -4,17 +4,19 @@ mod pace;
 mod request;
 mod stream;
 
-use crate::service::access::caller;
+use crate::service::access::{Caller, caller};
 use crate::service::audit;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
 use crate::service::folder::{REPORT, SCENE, result_name};
-use crate::service::jobs::Bakes;
+use crate::service::jobs::{Bakes, Entry};
 use crate::service::quotas::{Permit, Quota};
 use crate::service::status::Fault;
+use crate::wire::proto::created_bake::Outcome;
 use crate::wire::proto::pile_service_server::PileService;
 use crate::wire::proto::{
-    Artifact, BakeRequest, BakeResponse, BakeState, CancelBakeRequest, CancelBakeResponse, DeleteBakeRequest,
+    Artifact, BakeRequest, BakeResponse, BakeState, BakeStatus, BatchCreateBakesRequest, BatchCreateBakesResponse,
+    CancelBakeRequest, CancelBakeResponse, CreateBakeRequest, CreateBakeResponse, CreatedBake, DeleteBakeRequest,
     DeleteBakeResponse, DownloadResultRequest, DownloadResultResponse, GetBakeRequest, GetBakeResponse,
     GetServerInfoRequest, GetServerInfoResponse, HaveAssetsRequest, HaveAssetsResponse, Limits, ListBakesRequest,
     ListBakesResponse, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, UploadAssetResponse, WatchBakeRequest,
@@ -51,6 +53,14 @@ impl Service {
     /// A permit that a stream holds until it ends.
     fn stream_permit<T>(&self, request: &Request<T>) -> Result<Permit, Fault> {
         self.stream_quota.try_acquire(&caller(request)).ok_or(Fault::TooManyCalls)
+    }
+
+    /// Begins a bake that nobody follows.
+    async fn create(&self, caller: &Caller, request: CreateBakeRequest) -> Result<Arc<Entry>, Fault> {
+        let CreateBakeRequest { spec, labels, priority } = request;
+        let request = BakeRequest { spec, labels, priority, ..Default::default() };
+        let (bakes, caller) = (self.bakes.clone(), caller.clone());
+        on_disk(move || bakes.submit(&caller, request::submission(&caller, request)?, None)).await?
     }
 
     fn limits(&self) -> Limits {
@@ -111,6 +121,7 @@ impl PileService for Service {
         &self,
         request: Request<Streaming<UploadAssetRequest>>,
     ) -> Result<Response<UploadAssetResponse>, Status> {
+        self.bakes.accepts_work()?;
         let _permit = self.upload_quota.try_acquire(&caller(&request)).ok_or(Fault::TooManyCalls)?;
         let began = Instant::now();
         let mut chunks = request.into_inner();
@@ -177,6 +188,46 @@ impl PileService for Service {
         Ok(Response::new(Box::pin(events.map(|event| Ok(BakeResponse { event: Some(event?) })))))
     }
 
+    async fn create_bake(&self, request: Request<CreateBakeRequest>) -> Result<Response<CreateBakeResponse>, Status> {
+        let caller = caller(&request);
+        let (_, call, request) = request.into_parts();
+        let entry = self.create(&caller, request).await?;
+        audit::bake(&call, &entry.id());
+        entry.wait_accepted().await?;
+        self.bakes.store.touch(&entry.id());
+        let bakes = self.bakes.clone();
+        let bake = Some(on_disk(move || bakes.status(&entry)).await??);
+        Ok(Response::new(CreateBakeResponse { bake }))
+    }
+
+    async fn batch_create_bakes(
+        &self,
+        request: Request<BatchCreateBakesRequest>,
+    ) -> Result<Response<BatchCreateBakesResponse>, Status> {
+        let caller = caller(&request);
+        let requests = request.into_inner().requests;
+        request::check_batch(requests.len())?;
+        let mut begun = Vec::new();
+        for request in requests {
+            begun.push(self.create(&caller, request).await);
+        }
+        let mut bakes = Vec::new();
+        for begun in begun {
+            let outcome = match begun {
+                Ok(entry) => match entry.accepted().await {
+                    Ok(()) => {
+                        self.bakes.store.touch(&entry.id());
+                        Outcome::Bake(Box::new(BakeStatus { summary: None, ..entry.state().status.clone() }))
+                    }
+                    Err(failure) => Outcome::Failure(failure),
+                },
+                Err(fault) => Outcome::Failure((&fault).into()),
+            };
+            bakes.push(CreatedBake { outcome: Some(outcome) });
+        }
+        Ok(Response::new(BatchCreateBakesResponse { bakes }))
+    }
+
     type WatchBakeStream = ResponseStream<WatchBakeResponse>;
 
     async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
@@ -192,7 +243,7 @@ impl PileService for Service {
             .into());
         }
         let entry = self.bakes.find(&bake_id)?;
-        self.bakes.store.touch(&bake_id);
+        self.bakes.store.touch(&entry.id());
         let follow = Follow { from, frames: request::frames(frames)?, deadline };
         let events = follow.start(&self.bakes, entry, permit);
         Ok(Response::new(Box::pin(events.map(|event| Ok(WatchBakeResponse { event: Some(event?) })))))
@@ -250,8 +301,8 @@ impl PileService for Service {
             Artifact::Report => (REPORT.to_owned(), summary.report_sha256),
             Artifact::Scene => (SCENE.to_owned(), String::new()),
         };
-        self.bakes.store.touch(&bake_id);
-        let path = self.bakes.store.folder(&bake_id).join(name);
+        self.bakes.store.touch(&entry.id());
+        let path = self.bakes.store.folder(&entry.id()).join(name);
         Ok(Response::new(Download { path, sha256 }.start(&self.bakes, entry, permit).await?))
     }
 }

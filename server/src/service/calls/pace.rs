@@ -55,7 +55,7 @@ mod tests {
         let config = Config { data: folder.path().join("data"), ..Config::default() };
         let store = Store::open(&config).unwrap();
         let pace = UploadPace { pause: Duration::from_millis(300), ..LEAST };
-        let service = Service { pace, ..Service::new(Bakes::new(config, store)) };
+        let service = Service { pace, ..Service::new(Bakes::new(config, store, None)) };
         let sha256 = hex(&Sha256::digest([7; BYTES]));
         let header = Some(AssetHeader { sha256, size_bytes: BYTES as i64 });
         let first = UploadAssetRequest { header, ..Default::default() };

@@ -7,11 +7,12 @@ use crate::service::access::{Caller, LAST_PRIORITY};
 use crate::service::jobs::{BakeSubmission, Entry, ListPosition};
 use crate::service::status::Fault;
 use crate::wire::proto::{
-    AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeStatus, FieldProblem, FrameSelection, ListBakesRequest,
-    ListBakesResponse, OutputFormat,
+    AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeState, BakeStatus, FieldProblem, FrameSelection,
+    ListBakesRequest, ListBakesResponse, OutputFormat,
 };
 use crate::wire::to_proto;
-use std::collections::BTreeSet;
+use prost::Message;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -60,9 +61,40 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     if problems.is_empty() { Ok(spec) } else { Err(Fault::RequestInvalid(problems)) }
 }
 
-/// Labels of one bake, and letters of a label's name or value.
+/// Labels of one bake, and bytes of a label's name and value.
 const MAX_LABELS: usize = 64;
-const MAX_LABEL: usize = 63;
+const MAX_LABEL_NAME: usize = 63;
+const MAX_LABEL_VALUE: usize = 255;
+
+/// What is wrong with a label.
+fn label_problems(name: &str, value: &str) -> Vec<FieldProblem> {
+    let shown: String = name.chars().take(MAX_LABEL_NAME).collect();
+    let problem = |what: String| FieldProblem { field: "labels".into(), description: format!("{shown:?}: {what}") };
+    let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || matches!(byte, b'-' | b'_');
+    let mut problems = Vec::new();
+    if !name.starts_with(|letter: char| letter.is_ascii_lowercase()) {
+        problems.push(problem("its name does not begin with a letter from a to z".into()));
+    } else if !name.bytes().all(is_plain) {
+        problems.push(problem("its name has other characters than a-z, 0-9, - and _".into()));
+    }
+    if name.len() > MAX_LABEL_NAME {
+        problems.push(problem(format!("its name has {} characters; give {MAX_LABEL_NAME} at most", name.len())));
+    }
+    if value.chars().any(char::is_control) {
+        problems.push(problem("its value has control characters".into()));
+    }
+    if value.len() > MAX_LABEL_VALUE {
+        problems.push(problem(format!("its value has {} bytes; give {MAX_LABEL_VALUE} at most", value.len())));
+    }
+    problems
+}
+
+/// Checks the number of bakes in one request.
+pub fn check_batch(count: usize) -> Result<(), Fault> {
+    const MOST: usize = 1000;
+    let is_right = (1..=MOST).contains(&count);
+    is_right.then_some(()).ok_or_else(|| Fault::field("requests", format!("{count} bakes; give 1 to {MOST}")))
+}
 
 /// The submission of a caller, if its form is right.
 pub fn submission(caller: &Caller, request: BakeRequest) -> Result<BakeSubmission, Fault> {
@@ -71,14 +103,9 @@ pub fn submission(caller: &Caller, request: BakeRequest) -> Result<BakeSubmissio
     if labels.len() > MAX_LABELS {
         return Err(Fault::field("labels", format!("more than {MAX_LABELS}")));
     }
-    let is_name = |name: &str| name.starts_with(|letter: char| letter.is_ascii_lowercase());
-    let is_plain = |text: &str| {
-        let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || matches!(byte, b'-' | b'_');
-        text.len() <= MAX_LABEL && text.bytes().all(plain)
-    };
-    if let Some((name, _)) = labels.iter().find(|(name, value)| !(is_name(name) && is_plain(name) && is_plain(value))) {
-        let what = "names begin with a letter; names and values have up to 63 of a-z, 0-9, - and _";
-        return Err(Fault::field("labels", format!("{:?}: {what}", name.chars().take(MAX_LABEL).collect::<String>())));
+    let wrong: Vec<FieldProblem> = labels.iter().flat_map(|(name, value)| label_problems(name, value)).collect();
+    if !wrong.is_empty() {
+        return Err(Fault::RequestInvalid(wrong));
     }
     if !(-LAST_PRIORITY..=LAST_PRIORITY).contains(&priority) {
         let what = format!("{priority} is out of range; give -{LAST_PRIORITY} to {LAST_PRIORITY}");
@@ -127,34 +154,56 @@ pub fn frames(given: i32) -> Result<FrameSelection, Fault> {
     FrameSelection::try_from(given).map_err(|_| Fault::field("frames", format!("there is no selection {given}")))
 }
 
-/// A page of the list. The token is the position of the last bake of the page before, even if that bake is gone.
+/// A page of the list. The token is a hash of the filter, and the position of the last bake of the page before, even if
+/// that bake is gone.
 pub fn page(mut list: Vec<Arc<Entry>>, request: &ListBakesRequest) -> Result<ListBakesResponse, Fault> {
+    let unknown = request.states.iter().enumerate().find(|(_, state)| BakeState::try_from(**state).is_err());
+    if let Some((index, state)) = unknown {
+        return Err(Fault::field(&format!("states[{index}]"), format!("there is no state {state}; see BakeState")));
+    }
     list.retain(|entry| {
         let bake = &entry.state().status;
-        (request.owner.is_empty() || request.owner == bake.owner)
+        let has_all = |labels: &BTreeMap<String, String>| request.labels.iter().all(|(k, v)| labels.get(k) == Some(v));
+        let is_of = |name: &str| request.owner.is_empty() || request.owner == name;
+        (is_of(&bake.owner) || bake.callers.iter().any(|caller| is_of(&caller.name)))
             && (request.states.is_empty() || request.states.contains(&bake.state))
-            && request.labels.iter().all(|(name, value)| bake.labels.get(name) == Some(value))
+            && (has_all(&bake.labels) || bake.callers.iter().any(|caller| has_all(&caller.labels)))
     });
     let size = match request.page_size {
         0 => PAGE,
         size @ 1.. => size.min(MAX_PAGE) as usize,
         size => return Err(Fault::field("page_size", format!("{size} is negative; give 0 to {MAX_PAGE}"))),
     };
+    let filter = filter_hash(request);
     let first = match &request.page_token[..] {
         "" => 0,
         token => {
-            let last = position_of(token)
-                .ok_or_else(|| Fault::field("page_token", "not a token of this server; leave it empty to begin"))?;
+            let wrong = |what: &str| Fault::field("page_token", what);
+            let (of, last) = token.split_once('.').ok_or_else(|| wrong(NO_TOKEN))?;
+            let last = position_of(last).ok_or_else(|| wrong(NO_TOKEN))?;
+            if of != filter {
+                return Err(wrong(
+                    "it is of a list with another owner, other labels or states; repeat those of that call",
+                ));
+            }
             list.partition_point(|entry| entry.position >= last)
         }
     };
     let rest = &list[first..];
     let page = &rest[..size.min(rest.len())];
-    let next_page_token =
-        page.last().filter(|_| rest.len() > size).map(|entry| token(&entry.position)).unwrap_or_default();
+    let token = |entry: &Arc<Entry>| format!("{filter}.{}", token(&entry.position));
+    let next_page_token = page.last().filter(|_| rest.len() > size).map(token).unwrap_or_default();
     // A summary that could not be written to disk is still in memory.
     let status = |entry: &Arc<Entry>| BakeStatus { summary: None, ..entry.state().status.clone() };
     Ok(ListBakesResponse { bakes: page.iter().map(status).collect(), next_page_token })
+}
+
+const NO_TOKEN: &str = "not a token of this server; leave it empty to begin";
+
+/// Of all that selects the bakes of a list.
+fn filter_hash(request: &ListBakesRequest) -> String {
+    let filter = ListBakesRequest { page_size: 0, page_token: String::new(), ..request.clone() };
+    blake3::hash(&filter.encode_to_vec()).to_hex()[..16].to_owned()
 }
 
 fn token((seconds, nanos, id): &ListPosition) -> String {

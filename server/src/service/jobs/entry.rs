@@ -1,6 +1,6 @@
 //! A bake of the server: its state, and waiting for changes of it.
 
-use crate::wire::proto::{BakeState, BakeStatus};
+use crate::wire::proto::{BakeState, BakeStatus, Failure};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -74,11 +74,16 @@ impl Entry {
 
     /// Waits until the request is accepted or refused.
     pub async fn wait_accepted(&self) -> Result<(), tonic::Status> {
+        self.accepted().await.map_err(|failure| tonic::Status::from(&failure))
+    }
+
+    /// Waits until the request is accepted, or gives the reason why it is refused.
+    pub async fn accepted(&self) -> Result<(), Failure> {
         let mut now = self.watch();
         // The sender is ours.
         let Ok(now) = now.wait_for(|now| now.accepted || now.has_ended()).await else { return Ok(()) };
         match &now.status.failure {
-            Some(failure) if !now.accepted => Err(failure.into()),
+            Some(failure) if !now.accepted => Err(failure.clone()),
             _ => Ok(()),
         }
     }

@@ -1,4 +1,4 @@
-//! The bakes of a server: admission, state and end.
+//! The bakes of a server: admission, state and end. Long: all that changes the entries is under one lock.
 //!
 //! Each bake has one entry, however many callers it has. The entry's task holds its permit, and later its worker slot,
 //! until the worker process has ended.
@@ -7,9 +7,11 @@ mod entry;
 mod submission;
 mod task;
 
-use crate::service::access::Caller;
+use crate::model::export::Format;
+use crate::service::access::{Caller, CallerRole};
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
+use crate::service::hook::Hook;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Quota;
 use crate::service::scheduler::Scheduler;
@@ -38,6 +40,7 @@ const MOST_WITHOUT_RESULT: usize = 1000;
 pub struct Bakes {
     pub config: Config,
     pub store: Store,
+    hook: Option<Hook>,
     entries: Mutex<BTreeMap<String, Arc<Entry>>>,
     /// Running and waiting bakes.
     bake_quota: Quota,
@@ -58,12 +61,13 @@ pub struct Bakes {
 }
 
 impl Bakes {
-    pub fn new(config: Config, store: Store) -> Arc<Bakes> {
+    pub fn new(config: Config, store: Store, hook: Option<Hook>) -> Arc<Bakes> {
         let workers = config.workers();
         let places = workers.saturating_add(config.queue);
         Arc::new(Bakes {
             config,
             store,
+            hook,
             entries: Mutex::default(),
             bake_quota: Quota::new(places, places - places / 4),
             scheduler: Scheduler::new(workers),
@@ -92,6 +96,9 @@ impl Bakes {
                 warn!(bake_id = %id, damage, "a bake is damaged; the next request bakes it again");
                 status.end(BakeState::Failed, Some(&Fault::BakeDamaged(damage)));
                 self.save_status(&status);
+            }
+            if let Ok(spec) = self.store.spec(&id) {
+                status.set_format(Format::from_wire(spec.format()).wire());
             }
             let was_unfinished = matches!(status.state(), BakeState::Queued | BakeState::Running);
             if was_unfinished && self.config.unfinished == Unfinished::Fail {
@@ -126,9 +133,6 @@ impl Bakes {
         deadline: Option<Instant>,
     ) -> Result<Arc<Entry>, Fault> {
         let BakeSubmission { spec, labels, priority } = submission;
-        if self.is_draining() {
-            return Err(Fault::ShuttingDown);
-        }
         let id = bake_id(&spec);
         let mut entries = self.entries();
         if let Some(entry) = entries.get(&id) {
@@ -136,6 +140,11 @@ impl Bakes {
             let state = entry.state.borrow().status.state();
             if !matches!(state, BakeState::Failed | BakeState::Cancelled) && !entry.cancelled.is_cancelled() {
                 entry.extend_deadline(deadline);
+                let mut is_new = false;
+                entry.state.send_modify(|now| is_new = now.status.wanted_by(caller, labels));
+                if is_new {
+                    self.save_callers(entry);
+                }
                 metrics::counter!("cairn_bakes_shared_total").increment(1);
                 return Ok(entry.clone());
             }
@@ -144,6 +153,7 @@ impl Bakes {
                 return Err(Fault::QueueFull { retry: Duration::from_secs(1) });
             }
         }
+        self.accepts_work()?;
         submission::within_limits(caller, self.config.workers(), entries.values())?;
         let Some(permit) = self.bake_quota.try_acquire(caller) else {
             metrics::counter!("cairn_bakes_refused_total").increment(1);
@@ -153,10 +163,12 @@ impl Bakes {
             bake_id: id.clone(),
             create_time: Some(now()),
             owner: caller.name.to_string(),
-            labels,
+            labels: labels.clone(),
             priority,
             ..Default::default()
         };
+        status.set_format(Format::from_wire(spec.format()).wire());
+        status.wanted_by(caller, labels);
         status.set_state(BakeState::Queued);
         let entry = Entry::new(EntryState::of(status), deadline);
         entries.insert(id, entry.clone());
@@ -196,7 +208,17 @@ impl Bakes {
             return Ok(status);
         }
         let kept = self.store.status(&status.bake_id)?;
-        kept.ok_or_else(|| self.mark_damaged(entry, "its summary is truncated or missing".into()))
+        let kept = kept.ok_or_else(|| self.mark_damaged(entry, "its summary is truncated or missing".into()))?;
+        Ok(BakeStatus { summary: kept.summary, ..status })
+    }
+
+    /// Saves who wants a bake. The summary of one that has ended is only on disk, and stays.
+    fn save_callers(&self, entry: &Entry) {
+        if entry.state.borrow().accepted
+            && let Ok(status) = self.status(entry)
+        {
+            self.save_status(&status);
+        }
     }
 
     /// Saves the status of a bake. If that fails, the next server repeats what this one found.
@@ -213,6 +235,7 @@ impl Bakes {
 
     /// Plans a bake without running it.
     pub async fn plan(&self, caller: &Caller, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
+        self.accepts_work()?;
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
         let folder = self.store.prepare_plan(&spec)?;
@@ -249,10 +272,26 @@ impl Bakes {
         }
     }
 
-    /// An accepted bake.
+    /// An accepted bake, by its id or the beginning of it.
     pub fn find(&self, id: &str) -> Result<Arc<Entry>, Fault> {
-        let found = self.entries().get(id).filter(|entry| entry.state.borrow().accepted).cloned();
-        found.ok_or_else(|| Fault::BakeNotFound(id.chars().take(64).collect()))
+        /// Digits of an id, and the fewest of them that a caller may name.
+        const DIGITS: std::ops::RangeInclusive<usize> = 6..=64;
+        let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
+        if !(DIGITS.contains(&id.len()) && id.bytes().all(is_digit)) {
+            let what =
+                "not the id of a bake; give its 64 lower-case hexadecimal digits, or the first 6 or more of them";
+            return Err(Fault::field("bake_id", what));
+        }
+        let entries = self.entries();
+        let mut found = entries.range(id.to_owned()..).take_while(|(known, _)| known.starts_with(id));
+        let mut found = found.by_ref().filter(|(_, entry)| entry.state.borrow().accepted).map(|(_, entry)| entry);
+        match (found.next(), found.next()) {
+            (Some(entry), None) => Ok(entry.clone()),
+            (Some(_), Some(_)) => {
+                Err(Fault::field("bake_id", format!("several bakes begin with {id}; give more of it")))
+            }
+            (None, _) => Err(Fault::BakeNotFound(id.into())),
+        }
     }
 
     /// All accepted bakes, latest first.
@@ -264,22 +303,46 @@ impl Bakes {
         list
     }
 
-    /// Cancels a bake, and waits for its end.
+    /// Withdraws a caller's interest in a bake. Without any left, or if an operator asks, the bake is cancelled; this
+    /// waits for its end.
     pub async fn cancel(&self, caller: &Caller, id: &str) -> Result<BakeStatus, Fault> {
         let entry = self.find(id)?;
-        let owner = entry.state.borrow().status.owner.clone();
-        if !caller.may_change(&owner) {
-            return Err(Fault::NotYours(owner));
+        if self.withdraw(caller, &entry)? {
+            entry.cancelled.cancel();
+            entry.wait_ended().await;
         }
-        entry.cancelled.cancel();
-        entry.wait_ended().await;
         self.status(&entry)
     }
 
-    /// Cancels a bake and removes its files.
+    /// Takes a caller out of those that want a bake. Returns whether it is to end.
+    fn withdraw(&self, caller: &Caller, entry: &Entry) -> Result<bool, Fault> {
+        let status = entry.state.borrow().status.clone();
+        let is_known = status.owner == *caller.name || status.callers.iter().any(|known| known.name == *caller.name);
+        if !is_known && !caller.is_operator() {
+            return Err(Fault::NotYours(status.owner));
+        }
+        let others = status.callers.iter().any(|known| known.name != *caller.name);
+        let leaves_it_to_others = match caller.role {
+            CallerRole::Artist => others,
+            CallerRole::Operator => false,
+            CallerRole::Anybody => others && status.callers.iter().any(|known| known.name == *caller.name),
+        };
+        if !leaves_it_to_others {
+            return Ok(true);
+        }
+        entry.state.send_modify(|now| now.status.callers.retain(|known| known.name != *caller.name));
+        self.save_callers(entry);
+        Ok(false)
+    }
+
+    /// Cancels a bake and removes its files, unless others want it.
     pub async fn delete(&self, caller: &Caller, id: &str) -> Result<(), Fault> {
-        self.cancel(caller, id).await?;
-        self.remove_ended(id)?;
+        let entry = self.find(id)?;
+        if self.withdraw(caller, &entry)? {
+            entry.cancelled.cancel();
+            entry.wait_ended().await;
+            self.remove_ended(&entry.id())?;
+        }
         Ok(())
     }
 
@@ -335,17 +398,31 @@ impl Bakes {
         }
     }
 
-    /// Whether the server is shutting down.
-    pub fn is_draining(&self) -> bool {
-        self.draining.is_cancelled()
+    /// How many bakes wait for a worker, and for how long the oldest has.
+    pub fn waiting(&self) -> (usize, Duration) {
+        let entries = self.entries();
+        let waiting = entries.values().filter(|entry| entry.state.borrow().status.state() == BakeState::Queued);
+        let now = now();
+        let since = |entry: &Arc<Entry>| u64::try_from(now.seconds - entry.position.0).unwrap_or(0);
+        let all: Vec<u64> = waiting.map(since).collect();
+        (all.len(), Duration::from_secs(all.into_iter().max().unwrap_or(0)))
     }
 
-    /// Accepts no more bakes, lets running ones finish for up to `longest`, then stops them. They stay unfinished on
-    /// disk.
-    pub async fn drain(&self, longest: Duration) {
+    /// Whether a bake runs or waits.
+    pub fn are_at_work(&self) -> bool {
+        !self.tasks.is_empty()
+    }
+
+    /// Refuses new work once the server is shutting down.
+    pub fn accepts_work(&self) -> Result<(), Fault> {
+        if self.draining.is_cancelled() { Err(Fault::ShuttingDown) } else { Ok(()) }
+    }
+
+    /// Accepts no more bakes, lets running ones finish until then, and stops the others. They stay unfinished on disk.
+    pub async fn drain(&self, until: Instant) {
         self.draining.cancel();
         self.tasks.close();
-        if tokio::time::timeout(longest, self.tasks.wait()).await.is_err() {
+        if tokio::time::timeout_at(until, self.tasks.wait()).await.is_err() {
             warn!("stopping unfinished bakes");
         }
         self.ending.cancel();
@@ -358,6 +435,17 @@ fn now() -> Timestamp {
 }
 
 impl BakeStatus {
+    /// Adds a caller, or its new labels. Returns whether that changes anything.
+    fn wanted_by(&mut self, caller: &Caller, labels: BTreeMap<String, String>) -> bool {
+        let new = proto::BakeCaller { name: caller.name.to_string(), labels };
+        if self.callers.contains(&new) {
+            return false;
+        }
+        self.callers.retain(|known| known.name != new.name);
+        self.callers.push(new);
+        true
+    }
+
     fn end(&mut self, state: BakeState, fault: Option<&Fault>) {
         self.set_state(state);
         self.end_time = Some(now());

@@ -228,6 +228,7 @@ impl Bakes {
             *self.last_time.lock().unwrap_or_else(PoisonError::into_inner) = time;
         }
         if bake.accepted {
+            self.hook.iter().for_each(|hook| hook.report(&bake.status));
             match self.store.write_status(&bake.status) {
                 Ok(()) => {
                     self.store.tidy(&bake.status);
@@ -305,7 +306,8 @@ fn count(summary: &Summary) {
     let analyses = summary.counts.get("analyses").copied().unwrap_or(0);
     metrics::counter!("cairn_solves_total").increment(analyses.unsigned_abs());
     for (stage, seconds) in &summary.stage_seconds {
-        metrics::gauge!("cairn_stage_cpu_seconds_total", "stage" => stage.clone()).increment(*seconds);
+        let milliseconds = (seconds * 1e3).round() as u64;
+        metrics::counter!("cairn_stage_cpu_milliseconds_total", "stage" => stage.clone()).increment(milliseconds);
     }
     metrics::histogram!("cairn_bake_peak_memory_bytes").record(summary.peak_memory_bytes as f64);
 }

@@ -22,7 +22,7 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     let mut params = Params::new(Option::from(scene.accuracy()).unwrap_or(Accuracy::Standard));
     parameters::set_all(&mut params, scene, &mut counts);
     // A stack is tidy, and a tidy fill is a stack: either field implies the other.
-    let fill = scene.fill.unwrap_or_default();
+    let fill = scene.fill.clone().unwrap_or_default();
     match (fill.method(), fill.order) {
         (proto::FillMethod::Stack, None) => params.fill.order = 1.0,
         (proto::FillMethod::Unspecified, Some(order)) if order > 0.0 => params.fill.method = FillMethod::Stack,

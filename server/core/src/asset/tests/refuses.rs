@@ -3,7 +3,11 @@
 use serde_json::{Value, json};
 
 use super::model::{Model, glb, messages, no_files, read, read_with, tetrahedron};
-use crate::asset::{Limits, ProblemKind};
+use crate::asset::{
+    Asset, AssetProblem, Limits, Log, Logged, ProblemKind, Source, guarded, note_flat, read_with as asset_of,
+};
+use crate::geometry::topology::Flat;
+use crate::testing::says_only;
 
 /// The tetrahedron with one value changed is refused, and all of `parts` are said.
 #[track_caller]
@@ -328,4 +332,43 @@ fn everything_wrong_is_told_at_once() {
         .set("/scenes/0/nodes", json!([0, 1]))
         .set("/accessors/0/count", json!(5));
     assert_eq!(shared.read().expect_err("it is too long").len(), 1);
+}
+
+#[test]
+fn each_word_of_the_reader_about_itself_has_its_cause() {
+    let bytes = tetrahedron().embedded();
+    let source = Source { name: "a.gltf", bytes: &bytes, node: None, resolve: &no_files, limits: Limits::default() };
+    type Reader<'a> = &'a dyn Fn(&mut Log) -> Logged<Asset>;
+    let whole: Reader = &|log| asset_of(&source, log);
+    let empty: Reader = &|log| Err(log.refuse("", ProblemKind::EmptyFile));
+    for (case, reader, words) in [
+        ("when the file is read", whole, &[] as &[&str]),
+        ("when the file is refused", empty, &["the file is empty"]),
+        (
+            "when the reader panics",
+            &|_| panic!("index 7 of 3"),
+            &["an internal error stopped the reader: index 7 of 3. Please report this with the file."],
+        ),
+    ] {
+        let said = guarded(Log::new("a.gltf"), reader).err().unwrap_or_default();
+        says_only(case, &said.iter().map(AssetProblem::to_string).collect::<Vec<_>>(), words);
+    }
+    for (case, flat, words) in [
+        ("when no triangle is a line", Flat::default(), &[] as &[&str]),
+        ("when lines are left out", Flat { dropped: 2, ..Flat::default() }, &[]),
+        (
+            "when lines are merged",
+            Flat { folded: 2, ..Flat::default() },
+            &["2: triangles of no area are merged with those beside them"],
+        ),
+        (
+            "when lines hold a surface",
+            Flat { left: 1, ..Flat::default() },
+            &["1: triangles of no area could not be taken away and stay"],
+        ),
+    ] {
+        let mut log = Log::new("a.gltf");
+        note_flat(&flat, &mut log);
+        says_only(case, &log.notes(), words);
+    }
 }

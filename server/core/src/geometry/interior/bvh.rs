@@ -122,27 +122,7 @@ impl Bvh {
 
     /// Visits every triangle in boxes that `enter` lets pass, until `triangle` returns false; whether it never did.
     pub fn visit(&self, enter: impl Fn(DVec3, DVec3) -> bool, mut triangle: impl FnMut([DVec3; 3]) -> bool) -> bool {
-        let mut stack = [0u32; STACK];
-        let mut depth = usize::from(!self.nodes.is_empty());
-        while depth > 0 {
-            depth -= 1;
-            let at = stack[depth];
-            let node = &self.nodes[at as usize];
-            if !enter(node.lo, node.hi) {
-                continue;
-            }
-            if node.count == 0 {
-                stack[depth] = node.first;
-                stack[depth + 1] = at + 1;
-                depth += 2;
-                continue;
-            }
-            let leaf = node.first as usize..(node.first + node.count) as usize;
-            if !self.corners[leaf].iter().all(|&t| triangle(t)) {
-                return false;
-            }
-        }
-        true
+        self.visit_named(enter, |_, corners| triangle(corners))
     }
 
     /// Visits the places of every two triangles, one of each tree, whose boxes are no farther apart than the reach; the
@@ -191,6 +171,68 @@ impl Bvh {
             next.sort_by(|x, y| y.1.total_cmp(&x.1));
             stack.extend(next);
         }
+    }
+
+    /// Heights at which the vertical line through X and Z meets triangles, each with the triangle's name; ascending.
+    pub fn column(&self, x: f64, z: f64) -> Vec<(f64, u32)> {
+        let mut met = Vec::new();
+        let enter = |lo: DVec3, hi: DVec3| lo.x <= x && x <= hi.x && lo.z <= z && z <= hi.z;
+        self.visit_named(enter, |name, [a, b, c]| {
+            let flat = |p: DVec3, q: DVec3| (p.x - x) * (q.z - z) - (p.z - z) * (q.x - x);
+            let (u, v, w) = (flat(b, c), flat(c, a), flat(a, b));
+            let area = u + v + w;
+            if area != 0.0 && (u.min(v).min(w) >= 0.0 || u.max(v).max(w) <= 0.0) {
+                met.push(((u * a.y + v * b.y + w * c.y) / area, name));
+            }
+            true
+        });
+        met.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        met
+    }
+
+    /// Whether the line from one point to another meets a triangle.
+    pub fn is_between(&self, from: DVec3, to: DVec3) -> bool {
+        let way = to - from;
+        let (low, high) = (from.min(to), from.max(to));
+        let enter = |lo: DVec3, hi: DVec3| lo.cmple(high).all() && hi.cmpge(low).all();
+        !self.visit(enter, |[a, b, c]| {
+            // Moeller & Trumbore 1997.
+            let (ab, ac) = (b - a, c - a);
+            let across = way.cross(ac);
+            let (area, start) = (ab.dot(across), from - a);
+            let (u, up) = (start.dot(across) / area, start.cross(ab));
+            let (v, along) = (way.dot(up) / area, ac.dot(up) / area);
+            area == 0.0 || u < 0.0 || v < 0.0 || u + v > 1.0 || !(0.0..=1.0).contains(&along)
+        })
+    }
+
+    /// As `visit`, with the triangle's name.
+    fn visit_named(
+        &self,
+        enter: impl Fn(DVec3, DVec3) -> bool,
+        mut triangle: impl FnMut(u32, [DVec3; 3]) -> bool,
+    ) -> bool {
+        let mut stack = [0u32; STACK];
+        let mut depth = usize::from(!self.nodes.is_empty());
+        while depth > 0 {
+            depth -= 1;
+            let at = stack[depth];
+            let node = &self.nodes[at as usize];
+            if !enter(node.lo, node.hi) {
+                continue;
+            }
+            if node.count == 0 {
+                stack[depth] = node.first;
+                stack[depth + 1] = at + 1;
+                depth += 2;
+                continue;
+            }
+            let mut leaf = node.first as usize..(node.first + node.count) as usize;
+            if !leaf.all(|place| triangle(self.order[place], self.corners[place])) {
+                return false;
+            }
+        }
+        true
     }
 
     /// Generalised winding number. A node farther than `accuracy` times its radius is approximated;

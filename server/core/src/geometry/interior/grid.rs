@@ -59,6 +59,76 @@ impl DistanceGrid {
         });
     }
 
+    /// Removes the inside of a region from this one. The region's points are those of the grid times `scale`, plus
+    /// `origin`. Nodes that are farther outside than `reach` stay as they are.
+    pub fn cut_out_region(&mut self, region: &MeshInterior, (scale, origin): (f64, DVec3), reach: f64) {
+        let ([nx, ny, _], first, h) = (self.size, self.origin, self.spacing);
+        self.values.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
+            if values.iter().all(|value| *value > reach) {
+                return;
+            }
+            let start = first + DVec3::new(0.0, (row % ny) as f64, (row / ny) as f64) * h;
+            let mut cut = vec![0.0; nx];
+            fill_row(region, start * scale + origin, h * scale, &mut cut);
+            values.iter_mut().zip(cut).for_each(|(value, cut)| *value = value.max(-cut / scale));
+        });
+    }
+
+    /// Removes the places that no ball of this radius reaches, although one would in `before`: the same grid before
+    /// something was cut out. Narrow places that it had already stay.
+    pub fn remove_narrow(&mut self, before: &DistanceGrid, radius: f64) {
+        let (now, then) = (self.reached(radius), before.reached(radius));
+        let nodes = self.values.iter_mut().zip(now.into_iter().zip(then));
+        let narrow = nodes.filter(|(value, (now, then))| **value <= 0.0 && !now && *then);
+        narrow.for_each(|(value, _)| *value = f64::MIN_POSITIVE.max(-*value));
+    }
+
+    /// The nodes that a ball of this radius inside the region reaches.
+    fn reached(&self, radius: f64) -> Vec<bool> {
+        let size = self.size.map(|n| n as i64);
+        let cells = (radius / self.spacing).ceil() as i64;
+        let index = |[x, y, z]: [i64; 3]| ((z * size[1] + y) * size[0] + x) as usize;
+        let is_reached = |i: usize| {
+            let value = self.values[i];
+            if value > 0.0 || value <= -radius {
+                return value <= 0.0;
+            }
+            let at =
+                [i % self.size[0], i / self.size[0] % self.size[1], i / self.size[0] / self.size[1]].map(|n| n as i64);
+            let range = |k: usize| (at[k] - cells).max(0)..(at[k] + cells + 1).min(size[k]);
+            // Half a cell more: the middle of the ball need not be a node.
+            let reach = radius / self.spacing + 0.5;
+            let is_near = |p: [i64; 3]| (0..3).map(|k| ((p[k] - at[k]) as f64).powi(2)).sum::<f64>() <= reach * reach;
+            let half = self.spacing / 2.0;
+            range(2).any(|z| {
+                range(1).any(|y| range(0).any(|x| is_near([x, y, z]) && self.values[index([x, y, z])] <= half - radius))
+            })
+        };
+        (0..self.values.len()).into_par_iter().map(is_reached).collect()
+    }
+
+    /// Raises the values of nodes that are no farther outside than `reach`, column by column along Y. `of`: the new
+    /// values of a column, from its foot and its old values.
+    pub fn raise_columns(&mut self, reach: f64, of: impl Fn(DVec3, &[f64]) -> Vec<f64> + Sync) {
+        let ([nx, ny, nz], first, h) = (self.size, self.origin, self.spacing);
+        let values = &self.values;
+        let raised = |i: usize| {
+            let (x, z) = (i % nx, i / nx);
+            let column: Vec<f64> = (0..ny).map(|y| values[(z * ny + y) * nx + x]).collect();
+            if column.iter().all(|value| *value > reach) {
+                return None;
+            }
+            Some((x, z, of(first + DVec3::new(x as f64, 0.0, z as f64) * h, &column)))
+        };
+        let raised: Vec<_> = (0..nx * nz).into_par_iter().filter_map(raised).collect();
+        for (x, z, column) in raised {
+            for (y, value) in column.into_iter().enumerate() {
+                let at = (z * ny + y) * nx + x;
+                self.values[at] = self.values[at].max(value);
+            }
+        }
+    }
+
     /// The first node, the nodes along X, Y, Z, and the values, shape `[z][y][x]`, metres.
     pub fn nodes(&self) -> (DVec3, [usize; 3], &[f64]) {
         (self.origin, self.size, &self.values)

@@ -5,6 +5,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 use super::*;
+use crate::testing::says_only;
 
 /// A cube of edge `size` with its lowest corner at `at`, outward.
 fn cube(size: f64, at: DVec3) -> TriMesh {
@@ -246,5 +247,40 @@ fn soups_at_random_are_survived() {
         assert!(after.triangles <= before.triangles, "case {case}");
         assert!((after.misoriented_edges == 0) == (repair.unorientable == 0), "case {case}: {after:?} {repair:?}");
         assert_eq!(weld(&result, 0.0), result, "case {case}");
+    }
+}
+
+#[test]
+fn each_repair_is_described() {
+    let none = Repair::default();
+    for (case, repair, words) in [
+        ("when the mesh is clean", none.clone(), &[] as &[&str]),
+        (
+            "when corners are equal",
+            Repair { degenerate: 1, ..none.clone() },
+            &["1 triangle removed, because two corners are equal"],
+        ),
+        (
+            "when triangles are lines",
+            Repair { flat: Flat { folded: 1, dropped: 1, left: 0 }, ..none.clone() },
+            &["2 triangles of no area merged with those beside them"],
+        ),
+        (
+            "when lines hold the surface",
+            Repair { flat: Flat { folded: 0, dropped: 0, left: 1 }, ..none.clone() },
+            &["1 triangle of no area left, which could not be taken away"],
+        ),
+        (
+            "when the surface has one side",
+            Repair { unorientable: 1, ..none.clone() },
+            &["1 edge left inconsistent: the surface has one side only"],
+        ),
+        (
+            "when there are very many parts",
+            Repair { cavities_not_sought: true, ..none },
+            &["there are too many parts to look for cavities: all count as solids"],
+        ),
+    ] {
+        says_only(case, &repair.describe(), words);
     }
 }

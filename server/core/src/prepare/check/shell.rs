@@ -11,7 +11,7 @@ use crate::prepare::shape::Size;
 /// Props that are thicker than the shell find no room in it.
 pub fn too_thin(scene: &Scene, params: &Params, sizes: &[Size]) -> Option<SceneProblem> {
     let shell = params.fill.shell.filter(|_| scene.is_filled(params))?;
-    let diameter = median_diameter(scene, sizes, &added::shares(scene, params));
+    let diameter = median_diameter(&scene.props, sizes, &added::shares(scene, params));
     let thickness = |(prop, size): &(&Prop, &Size)| size.extents.x * prop.scale[1];
     let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
     let thickest = drawn.max_by(|a, b| thickness(a).total_cmp(&thickness(b)))?;

@@ -59,6 +59,7 @@ pub enum Count {
     PropsSplit,
     RegionTests,
     ReleaseLayers,
+    RemovedCutting,
     RemovedEscaped,
     RemovedOverlapping,
     RemovedStickingOut,

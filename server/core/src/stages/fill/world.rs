@@ -8,6 +8,7 @@ use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::invariants;
+use crate::prepare::container::SceneryMesh;
 use crate::prepare::shape::Shape;
 use crate::sim::instance::Instance;
 use crate::sim::policy::Policy;
@@ -25,7 +26,11 @@ pub(crate) struct FillWorld {
 }
 
 /// Keeps the bodies in: the container, its core where there is one, and a floor.
-pub struct Enclosure(Vec<WallId>);
+pub struct Enclosure {
+    walls: Vec<WallId>,
+    /// Each with the friction that it has for the pile.
+    scenery: Vec<(WallId, f64)>,
+}
 
 /// The meshes of an [`Enclosure`], engine units.
 pub struct EnclosureMeshes<'a> {
@@ -37,6 +42,8 @@ pub struct EnclosureMeshes<'a> {
     pub core: Option<&'a TriMesh>,
     /// Height of the floor.
     pub floor: f64,
+    /// Seen from both sides.
+    pub scenery: &'a [SceneryMesh],
 }
 
 impl FillWorld {
@@ -67,8 +74,8 @@ impl FillWorld {
         self.removed += self.world.step().len();
     }
 
-    /// Adds an enclosure without friction, in the engine's order behind places for this number of bodies. See
-    /// [`World::add_behind`].
+    /// Adds an enclosure without friction, and its scenery, in the engine's order behind places for this number of
+    /// bodies. See [`World::add_behind`].
     pub fn enclose(&mut self, bodies: usize, meshes: &EnclosureMeshes) -> Result<Enclosure, Error> {
         self.world
             .add_behind(bodies, |world| {
@@ -76,13 +83,32 @@ impl FillWorld {
                 let outer = meshes.outer.map(|mesh| world.add_walls_around(mesh, container)).transpose()?;
                 let core = meshes.core.map(|mesh| world.add_container(mesh, 0.0)).transpose()?;
                 let floor = world.add_wall(DVec3::new(0.0, meshes.floor, 0.0), DVec3::Y, 0.0);
-                Ok(Enclosure([Some(container), outer, core, Some(floor)].into_iter().flatten().collect()))
+                let walls = [Some(container), outer, core, Some(floor)].into_iter().flatten().collect();
+                let piece = |piece: &SceneryMesh| Ok((world.add_piece(&piece.mesh, 0.0)?, piece.friction));
+                let scenery = meshes.scenery.iter().map(piece).collect::<Result<_, String>>()?;
+                Ok(Enclosure { walls, scenery })
             })
             .map_err(Error::Internal)
     }
 
-    pub fn remove_enclosure(&mut self, Enclosure(walls): Enclosure) {
-        walls.into_iter().for_each(|wall| self.world.remove_wall(wall));
+    pub fn remove_enclosure(&mut self, Enclosure { walls, scenery }: Enclosure) {
+        let scenery = scenery.into_iter().map(|(piece, _)| piece);
+        walls.into_iter().chain(scenery).for_each(|wall| self.world.remove_wall(wall));
+    }
+
+    /// Gives the scenery its own friction.
+    pub fn use_scenery_friction(&mut self, enclosure: &Enclosure) {
+        enclosure.scenery.iter().for_each(|&(piece, friction)| self.world.set_wall_friction(piece, friction));
+    }
+
+    /// Loose bodies that reach into scenery by more than `limit` of their thickness, ascending.
+    pub fn cutting_scenery(&mut self, limit: f64) -> Vec<BodyId> {
+        self.update_contacts();
+        let pairs = self.world.static_contact_pairs(0.0);
+        let deep = pairs.iter().filter(|pair| pair.depth() > limit * self.world.pair_thickness(pair));
+        let mut bodies: Vec<BodyId> = deep.map(|pair| pair.a).filter(|&id| self.is_loose(id)).collect();
+        bodies.dedup();
+        bodies
     }
 
     /// Adds a loose body, whether there is room or not.

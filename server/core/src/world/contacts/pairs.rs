@@ -68,6 +68,18 @@ impl World {
         pairs
     }
 
+    /// The pieces of scenery that a body overlaps, each with the depth, engine units: whether it is one that moves, and
+    /// its index among those, in the order in which they were added.
+    pub fn scenery_overlaps(&self, a: BodyId) -> Vec<((bool, usize), f64)> {
+        let pieces =
+            self.near(a, 0.0).into_iter().filter_map(|(side, handle)| Some((side, handle, self.piece(handle)?)));
+        let overlap = |(side, handle, piece): (PairSide, ColliderHandle, (bool, usize))| {
+            let depth = self.pair(a, side, handle, 0.0)?.depth();
+            (depth > 0.0).then_some((piece, depth))
+        };
+        pieces.filter_map(overlap).collect()
+    }
+
     /// Other colliders that may be within `tolerance` times its thickness of body `a`, in order.
     pub(in crate::world) fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];

@@ -3,6 +3,7 @@
 use crate::geometry::contact::REAL_CONTACT;
 use crate::world::{BodyId, PairSide, World};
 use glam::DVec3;
+use rapier3d::prelude::ContactPair;
 
 /// A deviation below this share of gravity is the engine's rounding.
 const ROUNDING: f64 = 1e-3;
@@ -43,10 +44,19 @@ impl World {
 
     /// What pressed on a body, or on one that is glued to it, in the latest step.
     pub fn pressed_by(&self, id: BodyId) -> impl Iterator<Item = PairSide> + '_ {
+        self.met_by(id, |pair| pair.total_impulse_magnitude() > 0.0)
+    }
+
+    /// What a body, or one that is glued to it, touched in the latest step, whether it pressed or not.
+    pub fn touched_by(&self, id: BodyId) -> impl Iterator<Item = PairSide> + '_ {
+        self.met_by(id, |pair| pair.has_any_active_contact())
+    }
+
+    fn met_by(&self, id: BodyId, counts: impl Fn(&ContactPair) -> bool + Copy) -> impl Iterator<Item = PairSide> {
         self.bodies.glued_with(id).iter().flat_map(move |&member| {
             let collider = self.bodies[member].collider;
-            let pressing = self.engine.narrow_phase.contact_pairs_with(collider);
-            pressing.filter(|pair| pair.total_impulse_magnitude() > 0.0).filter_map(move |pair| {
+            let pairs = self.engine.narrow_phase.contact_pairs_with(collider);
+            pairs.filter(move |&pair| counts(pair)).filter_map(move |pair| {
                 let other = if pair.collider1 == collider { pair.collider2 } else { pair.collider1 };
                 self.side_of(self.engine.colliders.get(other)?)
             })

@@ -46,7 +46,7 @@ impl World {
 
     fn overlaps_by_more_than(&self, residual: f64) -> bool {
         let pairs = self.contact_pairs(0.0);
-        let of_bodies = pairs.iter().filter(|pair| matches!(pair.b, PairSide::Body(_)));
+        let of_bodies = pairs.iter().filter(|pair| matches!(pair.b, PairSide::Body(_) | PairSide::Scenery));
         let depths: Vec<f64> = of_bodies.map(|pair| pair.depth() / self.pair_thickness(pair)).collect();
         let deeper = depths.iter().filter(|&&depth| depth > residual).count();
         deeper as f64 > DEEPER * depths.len() as f64 || depths.iter().any(|&depth| depth > DEEPEST * residual)

@@ -33,27 +33,31 @@ pub fn write<'a>(
     layer.attribute(&instancer, "int[] protoIndices", indices);
     layer.attribute(&instancer, "int64[] ids", (0..bake.bodies.len() as i64).collect::<Vec<_>>());
 
-    let frames = tracks::key_frames(&bake.frames);
-    let at = |values: &dyn Fn(usize) -> Value| -> Samples { frames.iter().map(|&f| (f as f64, values(f))).collect() };
+    let rotations = rotations(bake);
+    let moments = moments(bake, &rotations);
+    let at = |values: &dyn Fn(&Moment) -> Value| -> Samples {
+        moments.iter().map(|moment| (moment.time, values(moment))).collect()
+    };
     let points = |v: Vec<DVec3>| Value::Vec3fVec(v.into_iter().map(vector).collect());
     let place = |frame: usize, body: usize| bake.pivot_pose(frame, body).translation;
-    let positions = at(&|f| points((0..bake.bodies.len()).map(|body| place(f, body)).collect()));
+    let positions = at(&|m| points((0..bake.bodies.len()).map(|body| place(m.frame, body)).collect()));
     layer.animated(&instancer, "point3f[] positions", positions);
-    let rotations = rotations(bake);
-    layer.orientations(&instancer, frames.iter().map(|&f| (f as f64, rotations[f].clone())).collect());
+    layer.orientations(&instancer, moments.iter().map(|m| (m.time, rotations[m.frame].clone())).collect());
     layer.animated(&instancer, "float3[] scales", scales(bake));
     if bake.bodies.iter().any(|body| body.first_frame > 0) {
         layer.animated(&instancer, "int64[] invisibleIds", invisible(bake));
     }
-    if bake.frames.len() > 1 {
-        let velocities = at(&|f| points(motion(bake, f, |a, b, body| place(b, body) - place(a, body))));
+    if moments.len() > 1 {
+        let velocities = at(&|m| points(motion(bake, m, |a, b, body| place(b, body) - place(a, body))));
         layer.animated(&instancer, "vector3f[] velocities", velocities);
         let turned =
             |a: usize, b: usize, body: usize| turn(bake.frames[a][body].rotation, bake.frames[b][body].rotation);
-        let turns = at(&|f| points(motion(bake, f, turned)));
+        let turns = at(&|m| points(motion(bake, m, turned)));
         layer.animated(&instancer, "vector3f[] angularVelocities", turns);
     }
-    layer.animated(&instancer, "float3[] extent", at(&|f| Value::Vec3fVec(room(bake, f, &bounds).extent())));
+    let extents: Vec<_> = (0..bake.frames.len()).map(|frame| room(bake, frame, &bounds).extent()).collect();
+    let extent = |frame: usize| (frame as f64, Value::Vec3fVec(extents[frame].clone()));
+    layer.animated(&instancer, "float3[] extent", changes(&extents).into_iter().map(extent).collect());
     if let Some(glue) = &bake.glue {
         let held = GlueMembership::all(glue, bake.bodies.len());
         let clusters: Vec<i32> = held.iter().map(|held| held.cluster.map_or(-1, |number| number as i32)).collect();
@@ -133,13 +137,44 @@ fn appearances(bake: &BakedPile) -> BTreeSet<usize> {
     std::iter::once(0).chain(bake.bodies.iter().map(|body| body.first_frame)).collect()
 }
 
-/// Velocities between a frame and the next, per second. USD extrapolates bodies by them, so that they arrive at the
-/// poses of the next frame. The last frame has the velocities of the one before it.
+/// A sample of the motion.
+struct Moment {
+    /// Time code.
+    time: f64,
+    /// Whose poses it has.
+    frame: usize,
+    /// Nothing moves from here on, or up to here.
+    is_still: bool,
+}
+
+/// The samples of the motion: frames whose poses, as they are written, are not redundant. USD extrapolates bodies by
+/// their velocities, before the first sample and after the last one, too: these have none. Where the pile moves from
+/// frame 0 on, its first sample is one frame before that.
+fn moments(bake: &BakedPile, rotations: &[Vec<gf::Quatf>]) -> Vec<Moment> {
+    let place = |frame: usize, body: usize| vector(bake.pivot_pose(frame, body).translation);
+    let written: Vec<_> = (rotations.iter().enumerate())
+        .map(|(frame, turns)| ((0..bake.bodies.len()).map(|body| place(frame, body)).collect::<Vec<_>>(), turns))
+        .collect();
+    let frames = changes(&written);
+    let last = written.len() - 1;
+    let moves_at_once = written.len() > 1 && written[0] != written[1];
+    let before = moves_at_once.then_some(Moment { time: -1.0, frame: 0, is_still: true });
+    let sample = |frame: usize| Moment { time: frame as f64, frame, is_still: frame == last };
+    before.into_iter().chain(frames.into_iter().map(sample)).collect()
+}
+
+/// The frames whose value is not redundant; the first alone if it never changes.
+fn changes<T: PartialEq>(values: &[T]) -> Vec<usize> {
+    if values.iter().all(|value| *value == values[0]) { vec![0] } else { tracks::key_frames(values) }
+}
+
+/// Velocities between a frame and the next, per second, by which bodies arrive at the poses of the next frame.
 ///
 /// `change`: of a body from one frame to another.
-fn motion(bake: &BakedPile, frame: usize, change: impl Fn(usize, usize, usize) -> DVec3) -> Vec<DVec3> {
-    let from = frame.min(bake.frames.len() - 2);
-    (0..bake.bodies.len()).map(|body| change(from, from + 1, body) * bake.fps).collect()
+fn motion(bake: &BakedPile, moment: &Moment, change: impl Fn(usize, usize, usize) -> DVec3) -> Vec<DVec3> {
+    let from = moment.frame;
+    let of = |body| if moment.is_still { DVec3::ZERO } else { change(from, from + 1, body) * bake.fps };
+    (0..bake.bodies.len()).map(of).collect()
 }
 
 /// The turn from one rotation to another by the short way: its axis, as long as its angle in degrees.

@@ -5,8 +5,9 @@
 //! - `Bodies`, a `PointInstancer`: `ids` are the bodies' numbers, in all formats the same; `Prototypes` holds the
 //!   props, each with its own materials, so that it can be referred to by itself; one whose origin is far from it is
 //!   moved to its centre of mass, about which it then turns between two frames. A time code is a frame. `velocities`
-//!   (per second) and `angularVelocities` (degrees per second) lead from each frame to the next. Bodies that appear
-//!   later are among the `invisibleIds` until then, and without size for programs that do not look at these.
+//!   (per second) and `angularVelocities` (degrees per second) lead from each frame to the next; they are zero before
+//!   the first frame and from the last one on, so that the pile rests there. Bodies that appear later are among the
+//!   `invisibleIds` until then, and without size for programs that do not look at these.
 //! - `Scenery`, where there is any: each file below a prim of its name. Moving pieces have time samples.
 //! - `Glue`, where bodies may be glued: a point for each dot, where it is at the last frame, with the purpose `guide`.
 //!   Its primvars `cairn:bodies` (the second is -1 for the ground or scenery), `cairn:normal`, `cairn:force`,

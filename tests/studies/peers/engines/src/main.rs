@@ -87,6 +87,7 @@ fn main() -> anyhow::Result<()> {
         settings: args.settings,
         cpu,
         keyframes_cpu: None,
+        resisted_steps: None,
         seconds: f64::from(done) / args.hz,
         bodies: scene.bodies.iter().enumerate().map(at_end).collect(),
     };

@@ -12,6 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const CLEANUP_ROUNDS: usize = 4;
 /// Settling after each of them, characteristic times.
 const CLEANUP_SETTLE: f64 = 0.5;
+/// In the end, no body reaches deeper into scenery than this, in its thickness.
+const CUTS: f64 = 0.05;
 /// Most steps of depenetration: bodies that overlap after them are locked in.
 const MOST_DEPENETRATION: u64 = 60;
 
@@ -20,8 +22,19 @@ impl Filling<'_> {
     fn protrusion(&self, id: BodyId) -> f64 {
         let (placed, container) = (self.world.instance(id), self.task.container);
         corners(&self.task.shapes[placed.prop], placed.scale / self.task.units.length, &placed.pose)
-            .map(|p| container.distance.signed_distance(p).max(container.base - p.y))
+            .map(|p| container.shell().signed_distance(p).max(container.base - p.y))
             .fold(0.0, f64::max)
+    }
+
+    /// Depth of the deepest corner of a body in solid scenery, in its thickness.
+    fn depth_in_scenery(&self, id: BodyId) -> f64 {
+        let (placed, container) = (self.world.instance(id), self.task.container);
+        let (shape, size) = (&self.task.shapes[placed.prop], placed.scale / self.task.units.length);
+        if container.distance.signed_distance(placed.pose.translation) < -self.world.body(id).radius {
+            return 0.0;
+        }
+        let depths = corners(shape, size, &placed.pose).map(|p| container.depth_in_scenery(p));
+        depths.fold(0.0, f64::max) / self.world.body(id).thickness
     }
 
     /// Takes out bodies from `first` on, which are equally new, until `limit` bodies are left: some from everywhere go.
@@ -50,7 +63,8 @@ impl Filling<'_> {
         let (outside, container) = (self.task.params.fill.outside(), self.task.container);
         for id in self.world.loose().collect::<Vec<_>>() {
             let center = self.world.pose(id).translation;
-            if !(container.distance.signed_distance(center) <= outside && center.y > container.base) {
+            let is_inside = container.distance.signed_distance(center) <= outside && center.y > container.base;
+            if !is_inside || container.is_solid_at(center) {
                 self.world.remove(id);
                 self.removed.escaped += 1;
             }
@@ -69,7 +83,45 @@ impl Filling<'_> {
             let pairs = self.world.overlapping(fill.overlap);
             let overlapping = self.separate(pairs, 0);
             self.removed.overlapping += overlapping;
-            if (out.is_empty() && overlapping == 0) || round == CLEANUP_ROUNDS {
+            let cutting = self.remove_cutting(fill.overlap);
+            self.removed.cutting += cutting;
+            if (out.is_empty() && overlapping == 0 && cutting == 0) || round == CLEANUP_ROUNDS {
+                break;
+            }
+            self.settle(CLEANUP_SETTLE, observer)?;
+        }
+        Ok(())
+    }
+
+    /// Takes out bodies that reach into scenery by more than `limit` of their thickness. Returns the count.
+    pub fn remove_cutting(&mut self, limit: f64) -> usize {
+        if self.task.container.scenery().is_empty() {
+            return 0;
+        }
+        let mut cutting = self.world.cutting_scenery(limit);
+        // The engine finds no contact where a long body has gone far through a face.
+        let deep = self.world.loose().filter(|id| !cutting.contains(id) && self.depth_in_scenery(*id) > limit);
+        let deep: Vec<BodyId> = deep.collect();
+        cutting.extend(deep);
+        cutting.iter().for_each(|&id| self.world.remove(id));
+        cutting.len()
+    }
+
+    /// Takes out bodies that are in the place of scenery which was not there when they came.
+    pub fn remove_from_scenery(&mut self) {
+        if !self.task.container.scenery().is_empty() {
+            self.remove_escaped();
+            self.removed.cutting += self.remove_cutting(self.task.params.fill.overlap);
+        }
+    }
+
+    /// Takes out bodies that still reach into scenery, after all that could part them from it, until none does.
+    pub fn clear_scenery(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        for _ in 0..CLEANUP_ROUNDS {
+            self.remove_escaped();
+            let cutting = self.remove_cutting(CUTS);
+            self.removed.cutting += cutting;
+            if cutting == 0 {
                 break;
             }
             self.settle(CLEANUP_SETTLE, observer)?;

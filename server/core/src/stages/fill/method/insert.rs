@@ -33,6 +33,9 @@ const MAX_ROUNDS: usize = 200;
 /// A body that grows may overlap another by this share of the thinner one's thickness: both may yet give way.
 const GROWING_OVERLAP: f64 = 0.25;
 
+/// A body that reaches into scenery by more than this share of its thickness passes to the other side.
+const PASSES: f64 = 0.5;
+
 /// Rounds in a row after which a pair that overlaps too deeply is jammed: the next round may still ease a squeezed
 /// pair.
 const JAMMED: u32 = 3;
@@ -88,6 +91,7 @@ impl Method for Insert {
             squeezed = old.into_iter().map(|pair| (pair, rounds(pair))).collect();
             let jammed = squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair);
             filling.separate(jammed.collect(), 0);
+            filling.remove_cutting(PASSES);
             filling.cut_to(pass.limit, first);
             filling.world.validate(pass.limit);
             let kept = filling.world.loose().filter(|&id| id >= first).count();
@@ -136,6 +140,7 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
         }
         let slack = 0.1 * shape.thickness() * size + outside;
         if container.contains(corners(shape, size, &pose), slack)
+            && !container.is_solid_at(pose.translation)
             && filling.world.reserve(shape, SEED_SCALE * scale, &pose, &mut reserved)
         {
             outside_count += usize::from(is_outside);

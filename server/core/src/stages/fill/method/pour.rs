@@ -37,7 +37,9 @@ impl Method for Pour {
         let (task, container) = (filling.task, filling.task.container);
         let open = container.opened(task.params.base.height * task.height(), COLLAR).mesh;
         let floor = container.base - COLLAR;
-        let meshes = EnclosureMeshes { container: &open, outer: None, core: container.core.as_ref(), floor };
+        let scenery = container.steep_scenery();
+        let core = container.core.as_ref();
+        let meshes = EnclosureMeshes { container: &open, outer: None, core, floor, scenery: &scenery };
         let enclosure = filling.world.enclose(0, &meshes)?;
         let (mut barren, mut full) = (0, false);
         for _ in 0..MAX_BATCHES {
@@ -90,7 +92,7 @@ fn drop_batch(filling: &mut Filling, pass: &Pass, most: usize) -> Result<(), Err
         let depth = just_inside.max(OPENING_DEPTH * shape.thickness() * size);
         let opening = DVec3::new(at.x, container.base + depth, at.z);
         // The rim of the opening is a side of the collar: keep clear of it as far as the opening allows.
-        if container.distance.signed_distance(opening) > -shape.thickness() * size {
+        if container.shell().signed_distance(opening) > -shape.thickness() * size {
             continue;
         }
         let y = container.base - COLLAR + radius + share.y * (COLLAR - 2.0 * radius).max(0.0);

@@ -166,7 +166,11 @@ fn field_of(task: &FillTask, props: &[Layable]) -> HeightField {
         (0..=CELLS_TRIED).map(|i| shortest * (CELL.0 + (CELL.1 - CELL.0) * f64::from(i) / f64::from(CELLS_TRIED)));
     let best = tried.reduce(|best, cell| if price(cell) < price(best) { cell } else { best }).unwrap_or(shortest);
     let least = ((extent.x * extent.y) / MAX_CELLS).sqrt();
-    HeightField::new(&bounds, container.base, DQuat::from_rotation_y(turn), best.max(least), LEEWAY)
+    let mut field = HeightField::new(&bounds, container.base, DQuat::from_rotation_y(turn), best.max(least), LEEWAY);
+    if !container.scenery().is_empty() {
+        field.keep_free(LEEWAY, |p| container.free_along(p).unwrap_or_default());
+    }
+    field
 }
 
 /// A prop may be laid through the container's ceiling by this much, d: it is pushed back.

@@ -5,6 +5,7 @@ use crate::geometry::mesh::TriMesh;
 use crate::geometry::raster::rasterise;
 use crate::world::BodyId;
 use glam::{DQuat, DVec2, DVec3};
+use rayon::prelude::*;
 
 /// Points of a cell at which heights are sampled, along each axis, cells from its middle. The outermost leave a margin:
 /// a body that reaches less far into a cell is not in it.
@@ -122,6 +123,28 @@ impl HeightField {
             HeightField { turn, origin, cell, size, intervals, floor: vec![], ceiling: vec![], owner: vec![] };
         field.clear();
         field
+    }
+
+    /// Keeps the parts of each column that are free at all of its samples. `free`: the free parts of the vertical line
+    /// through a point of the world. Bodies may reach beyond them by `leeway`.
+    pub fn keep_free(&mut self, leeway: f64, free: impl Fn(DVec3) -> Vec<[f64; 2]> + Sync) {
+        let ([width, _], cell, origin, turn) = (self.size, self.cell, self.origin, self.turn.inverse());
+        self.intervals.par_iter_mut().enumerate().for_each(|(i, intervals)| {
+            for sample in 0..SAMPLES.len().pow(2) {
+                if intervals.is_empty() {
+                    return;
+                }
+                let off = DVec2::new(SAMPLES[sample % SAMPLES.len()], SAMPLES[sample / SAMPLES.len()]);
+                let p = origin + (DVec2::new((i % width) as f64, (i / width) as f64) + 0.5 + off) * cell;
+                let free = free(turn * DVec3::new(p.x, 0.0, p.y));
+                let meet = |a: &[f64; 2]| {
+                    let both = free.iter().map(|b| [a[0].max(b[0] - leeway), a[1].min(b[1] + leeway)]);
+                    both.filter(|part| part[1] > part[0]).collect::<Vec<_>>()
+                };
+                *intervals = intervals.iter().flat_map(meet).collect();
+            }
+        });
+        self.clear();
     }
 
     /// Edges of the rectangle around the container, the longer one first.

@@ -1,0 +1,115 @@
+//! Piles far from the origin, scenery that moves, and links that hang in each other.
+
+use super::engines::{Engine, FPS, baked, params, run};
+use super::scenes::{asset, at, block, cone, cylinder, filled, placed, prop, ring};
+use super::{Extent, Outcome, all};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params};
+use cairn_core::input::scene::{Keyframe, Model, StaticModel};
+use glam::{DQuat, DVec3};
+use std::f64::consts::FRAC_PI_2;
+
+/// Scenery that moves along x at this speed from one time to another, m/s and s.
+fn moved(mesh: TriMesh, friction: f64, height: f64, speed: f64, times: [f64; 2]) -> StaticModel {
+    let key = |time: f64| Keyframe { time, pose: at(speed * (time - times[0]), height, 0.0) };
+    StaticModel { model: Model::new("scenery", mesh), friction, keys: times.map(key).to_vec() }
+}
+
+/// The same pile at the origin and far from it: all coordinates are exact there, as the single precision of a file is.
+pub fn far(engine: Engine, _: Extent) -> Outcome {
+    const GRID: f64 = (1 << 20) as f64;
+    let settings = Params { control: params(engine, 0.0).control, ..Params::new(Accuracy::Preview) };
+    let pile = |offset: DVec3| {
+        let mut control = cone(0.7, 1.2);
+        control.points.iter_mut().for_each(|p| *p = (*p * GRID).round() / GRID + offset);
+        baked(&filled(control, prop("stick", asset("stick.glb"), 0.7)), &settings)
+    };
+    let here = pile(DVec3::ZERO);
+    let d = here.figure("prop_diameter");
+    let far = [DVec3::new(1e3, 0.0, 0.0), DVec3::new(2e5, 0.0, 3e5), DVec3::new(0.0, 0.0, -1e6)];
+    all(far.map(|offset| {
+        let there = pile(offset);
+        let pairs = here.last().iter().zip(there.last());
+        let apart = pairs.map(|(a, b)| (b.translation - offset).distance(a.translation)).fold(0.0, f64::max);
+        let same = here.last().len() == there.last().len();
+        (format!("{:.0} km off: {:.5} d apart", offset.length() / 1e3, apart / d), same && apart < 1e-3 * d)
+    }))
+}
+
+/// A wall of 8 mm that starts at 4 m/s, and three cubes of 20 mm in its way.
+pub fn fast_scenery(engine: Engine, _: Extent) -> Outcome {
+    let cubes = [0.03, 0.06, 0.09].map(|x| at(x, 0.01, 0.0));
+    let mut scene = placed(prop("cube", block(DVec3::splat(0.02)), 0.7), cubes);
+    scene.statics = vec![moved(block(DVec3::new(0.008, 0.1, 0.2)), 0.7, 0.05, 4.0, [0.5, 0.6])];
+    let motion = run(engine, &scene, 1.5);
+    let parts = motion.count("scenery_part_steps");
+    let behind = motion.last().iter().filter(|pose| pose.translation.x < 0.41).count();
+    let divided = engine == Engine::Plain || parts > 0;
+    all([(format!("{behind} of 3 behind the wall"), behind == 0 && divided)])
+}
+
+/// A block on a slab that moves from the first frame on: only friction takes it along.
+pub fn conveyor(engine: Engine, _: Extent) -> Outcome {
+    const SPEED: f64 = 1.0;
+    all([0.2, 0.7].map(|friction| {
+        let mut scene = placed(prop("block", block(DVec3::splat(0.1)), friction), [at(0.0, 0.15, 0.0)]);
+        scene.statics = vec![moved(block(DVec3::new(6.0, 0.1, 1.0)), friction, 0.05, SPEED, [0.0, 1.5])];
+        let motion = run(engine, &scene, 1.4);
+        let frame = motion.frames.len() - 1;
+        let slid = SPEED * frame as f64 / FPS - motion.place(frame, 0).x;
+        // No step is divided for scenery that is slow.
+        let whole = motion.count("scenery_part_steps") == 0;
+        let exact = SPEED * SPEED / (2.0 * friction * 9.81);
+        let far = slid / exact - 1.0;
+        (
+            format!("friction {friction}: slides {:.0} mm, by theory {:.0}", 1e3 * slid, 1e3 * exact),
+            far.abs() < 0.1 && whole,
+        )
+    }))
+}
+
+/// Links that hang in each other from one that is fixed. Their collision shapes are of several convex parts, and those
+/// of neighbours must not overlap where the meshes do not.
+pub fn chain(engine: Engine, _: Extent) -> Outcome {
+    const LINKS: usize = 8;
+    const ROUND: f64 = 0.05;
+    const THICK: f64 = 0.008;
+    // Each nearly touches the next one.
+    let spacing = 2.0 * (ROUND - THICK) * 0.99;
+    let link = |k: usize| Pose {
+        translation: DVec3::Y * (1.0 - spacing * k as f64),
+        rotation: DQuat::from_rotation_y(if k.is_multiple_of(2) { 0.0 } else { FRAC_PI_2 }),
+    };
+    let mesh = ring(ROUND, THICK);
+    let mut scene = placed(prop("link", mesh.clone(), 0.5), (1..=LINKS).map(link));
+    let points = mesh.points.iter().map(|&p| link(0).translation + p).collect();
+    let hook = Model::new("hook", TriMesh { points, ..mesh });
+    scene.statics = vec![StaticModel { model: hook, friction: 0.5, keys: Vec::new() }];
+    let motion = run(engine, &scene, 3.0);
+    let seconds = motion.frames.len() - 1;
+    let held = (0..LINKS).map(|k| motion.place(seconds, k).distance(link(k + 1).translation)).fold(0.0, f64::max);
+    let (top, creep) = (motion.top_speed(), motion.drift(seconds - FPS as usize, seconds));
+    all([
+        (format!("fastest {top:.2} m/s"), top < 0.5),
+        (format!("the links end {:.2} of a thickness away", held / THICK / 2.0), held < 2.0 * THICK),
+        (format!("move by {:.3} of it in the last second", creep / THICK / 2.0), creep < 0.1 * THICK),
+    ])
+}
+
+/// A heap that nothing holds in the end: it falls once.
+pub fn falls_once(engine: Engine, _: Extent) -> Outcome {
+    all([cone(0.9, 1.6), cylinder(0.5, 1.2)].map(|control| {
+        let mut settings = Params::new(Accuracy::Standard);
+        settings.glue.mode = GlueMode::Natural;
+        if engine == Engine::Uncontrolled {
+            settings.control.mode = ControlMode::Off;
+        }
+        let motion = baked(&filled(control, prop("stick", asset("stick.glb"), 0.7)), &settings);
+        let [twice, error, energy] =
+            ["second_collapse", "ballistic_error_max", "energy_growth_rel"].map(|name| motion.figure(name));
+        let bodies = motion.last().len();
+        let sound = twice == 0.0 && error <= 0.01 && energy <= 1e-3;
+        (format!("{bodies} sticks: {twice} fall twice, free fall off by {:.2} %", 1e2 * error), sound)
+    }))
+}
