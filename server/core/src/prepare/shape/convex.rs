@@ -20,6 +20,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 const MOST_CORNERS: usize = 96;
 /// Most corners of one of several parts. They cost more, for each pair that is near.
 const MOST_PART_CORNERS: usize = 40;
+/// A finer split is taken where it is nearer to the mesh by this factor: its parts cost in every step.
+const FINER: f64 = 0.9;
 /// Corners of a hull by which the deviation is measured.
 const SKETCH_POINTS: usize = 48;
 /// Points sampled on each surface to measure the deviation.
@@ -37,7 +39,7 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, ph
         for concavity in CONCAVITIES {
             let Some(parts) = unit.vhacd(concavity, physics.max_parts) else { continue };
             let found = unit.deviation(&parts);
-            if found < best_deviation {
+            if found < FINER * best_deviation {
                 (best, best_deviation) = (parts, found);
             }
             if best_deviation <= tolerance {
