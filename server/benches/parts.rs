@@ -19,6 +19,7 @@ use criterion::measurement::WallTime;
 use criterion::{BatchSize, BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use glam::DVec3;
 use piles::Full;
+use std::collections::BTreeSet;
 use std::hint::black_box;
 use std::ops::ControlFlow;
 use std::time::Duration;
@@ -118,7 +119,7 @@ fn standing(group: &mut Group, full: &Full) {
 /// Dots for the pile right after turning over.
 fn glue(group: &mut Group, full: &Full) {
     let sim = full.turn_over().expect("it can be turned over");
-    let sites = Sites::new(&sim.pile.world, None, true);
+    let sites = Sites::new(&sim.pile.world, None, true, &BTreeSet::new());
     let problem = sites.problem(DVec3::NEG_Y);
     let options = GlueOptions { friction_factor: 0.5, normal_price: 0.02, strength: None, rounds: MOST_ROUNDS };
     group.bench_function("glue", |b| {

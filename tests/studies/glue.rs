@@ -12,8 +12,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::measure::{Instances, ShapeMeasurer, kept_shape};
 use cairn_core::sim::instance::Instance;
 use cairn_core::sim::pile::Pile;
-use cairn_core::stages::glue::Sites;
-use cairn_core::stages::glue::{joints, release_trial};
+use cairn_core::stages::glue::{Ends, Sites, release_trial};
 use cairn_core::world::BodyId;
 use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, interior_point};
 use clap::Parser;
@@ -63,7 +62,7 @@ fn main() -> anyhow::Result<()> {
 fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let full = piles::Full::of(scene, &args.set)?;
     let sim = full.turn_over()?;
-    let sites = Sites::new(&sim.pile.world, None, true);
+    let sites = Sites::new(&sim.pile.world, None, true, &BTreeSet::new());
     let problem = sites.problem(DVec3::NEG_Y);
     let rounds = MOST_ROUNDS;
     let options = |strength| GlueOptions { friction_factor: args.factor, normal_price: NORMAL_PRICE, strength, rounds };
@@ -73,8 +72,9 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let print_row = |glue: &str, placed: &GluePlacement, seconds: f64| -> anyhow::Result<()> {
         let loose: Vec<BodyId> =
             placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
-        let dots = joints(&sites, placed, false, 0.0, 1.0);
-        let freed = release_trial(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, true, &mut |_| Ok(()))?;
+        let dots: Vec<_> =
+            placed.joints.iter().map(|j| sites.joint(j.site, j.force, j.moment, 0.0, 1.0)).collect();
+        let freed = release_trial(full.turn_over()?, &dots, &loose, DVec3::NEG_Y, Ends::Late, &mut |_| Ok(()))?;
         let poses = freed.poses.context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",

@@ -20,6 +20,11 @@ pub const NEXT: IterationLimits = IterationLimits { least: 100, most: 600 };
 pub const NEXT_SMALL: IterationLimits = IterationLimits { least: 600, most: 600 };
 /// In a pile of no more bodies, balance does not show whether the choice is settled.
 pub const SMALL: usize = 100;
+/// A run that only chooses looks at its choice after so many iterations, and ends once at most [`CHANGED`] of the
+/// joints have come or gone in each of [`STEADY`] looks in a row: the choice settles long before the forces balance.
+const LOOK_AT_CHOICE: u64 = 25;
+const CHANGED: f64 = 0.01;
+const STEADY: u32 = 2;
 
 /// A run that only chooses ends once the mean imbalance of the forces that obey their laws is less than this, in a
 /// body's weight.
@@ -149,6 +154,39 @@ impl<'p> Admm<'p> {
         Ok(())
     }
 
+    /// Iterates until the joints that carry more than `least` are settled, or as [`Admm::run`].
+    pub fn settle(
+        &mut self,
+        weights: &GlueWeights,
+        limits: IterationLimits,
+        least: f64,
+        going: &mut Going,
+    ) -> Result<(), GlueError> {
+        let (mut before, mut steady) = (self.joints(least), 0);
+        for k in 1..=limits.most {
+            if going().is_break() {
+                return Err(GlueError::Cancelled);
+            }
+            let (apart, moved) = self.iterate(weights);
+            if k % LOOK == 0 {
+                self.even_out(apart, moved * self.penalty);
+                if k >= limits.least && self.unbalanced() < NEAR {
+                    break;
+                }
+            }
+            if k % LOOK_AT_CHOICE == 0 {
+                let now = self.joints(least);
+                let changed = different(&before, &now);
+                steady = if changed as f64 <= CHANGED * now.len() as f64 { steady + 1 } else { 0 };
+                before = now;
+                if steady == STEADY {
+                    break;
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// Sites whose joint carries more than this, ascending.
     pub fn joints(&self, least: f64) -> Vec<usize> {
         let joints = &self.state.joints;
@@ -248,6 +286,12 @@ impl Residuals {
         self.apart += apart;
         self.moved += moved;
     }
+}
+
+/// The number of entries that only one of two ascending lists has.
+fn different(a: &[usize], b: &[usize]) -> usize {
+    let only = |a: &[usize], b: &[usize]| a.iter().filter(|site| b.binary_search(site).is_err()).count();
+    only(a, b) + only(b, a)
 }
 
 fn difference<const N: usize>(point: &mut [SVector<f64, N>], state: &[SVector<f64, N>], dual: &[SVector<f64, N>]) {

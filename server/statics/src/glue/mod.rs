@@ -47,7 +47,7 @@ use certificate::Balanced;
 use glam::DVec3;
 pub use loads::Loads;
 pub use missing::missing;
-use program::GlueProgram;
+use program::{GlueForces, GlueProgram};
 use std::collections::BTreeSet;
 use std::iter;
 use std::ops::{ControlFlow, Range};
@@ -198,17 +198,73 @@ pub fn place_again(
     known: &[GlueJoint],
     going: &mut Going,
 ) -> Result<GluePlacement, GlueError> {
+    let choice = choose(pile, options, known, going)?;
+    certify(pile, options, known, &choice, going)
+}
+
+/// Joints that are chosen, but not balanced yet: their forces are near balance.
+#[derive(Clone, Debug, Default)]
+pub struct GlueChoice {
+    /// By site, ascending.
+    pub joints: Vec<GlueJoint>,
+    /// The sites that each round glues, ascending; the last round first.
+    rounds: Vec<Vec<usize>>,
+    state: GlueForces,
+    pub iterations: u64,
+}
+
+/// Chooses the joints of a pile whose glue has no bound, without a certificate: [`certify`] gives that, which takes
+/// longer than the choice.
+pub fn choose(
+    pile: &GlueProblem,
+    options: &GlueOptions,
+    known: &[GlueJoint],
+    going: &mut Going,
+) -> Result<GlueChoice, GlueError> {
+    let rounds = options.rounds.clamp(LEAST_ROUNDS, most_rounds(pile));
+    let fallen = vec![false; pile.bodies.len()];
+    let tight = GlueProgram::new(pile, &options.tight(), &fallen)?;
+    let allowed = tight.allowed_sites();
+    let mut admm = Admm::new(&tight, &allowed, false);
+    let rounds = run_rounds(&mut admm, known, rounds, going)?;
+    let chosen = rounds.first().map_or(&[][..], Vec::as_slice);
+    Ok(GlueChoice {
+        joints: chosen.iter().map(|&site| tight.joint(site, &admm.state)).collect(),
+        iterations: admm.iterations,
+        state: admm.state,
+        rounds,
+    })
+}
+
+/// Balances a choice, and proves it; joints are added where it does not balance. Where no glue of this strength holds
+/// some bodies, they fall, and the joints of the others are chosen again, as are all where a choice in few rounds does
+/// not balance.
+pub fn certify(
+    pile: &GlueProblem,
+    options: &GlueOptions,
+    known: &[GlueJoint],
+    choice: &GlueChoice,
+    going: &mut Going,
+) -> Result<GluePlacement, GlueError> {
     let mut fallen = vec![false; pile.bodies.len()];
-    let most_rounds = if pile.bodies.len() <= LARGE { MOST_ROUNDS } else { LEAST_ROUNDS };
-    let (mut iterations, mut rounds) = (0, options.rounds.clamp(LEAST_ROUNDS, most_rounds));
-    let tight_options = GlueOptions { friction_factor: options.friction_factor * TIGHT, ..*options };
+    let most_rounds = most_rounds(pile);
+    let (mut iterations, mut rounds) = (choice.iterations, options.rounds.clamp(LEAST_ROUNDS, most_rounds));
+    let mut choice = Some(choice);
     loop {
         let program = GlueProgram::new(pile, options, &fallen)?;
-        let tight = GlueProgram::new(pile, &tight_options, &fallen)?;
+        let tight = GlueProgram::new(pile, &options.tight(), &fallen)?;
         let allowed = tight.allowed_sites();
         let mut admm = Admm::new(&tight, &allowed, false);
-        let chosen = choose(&mut admm, known, rounds, going)?;
-        let balanced = balance(&program, &mut admm, &chosen, going)?;
+        let balanced = match choice.take() {
+            Some(choice) => {
+                admm.take(choice.state.clone());
+                balance(&program, &mut admm, &choice.rounds, going)?
+            }
+            None => {
+                let chosen = run_rounds(&mut admm, known, rounds, going)?;
+                balance(&program, &mut admm, &chosen, going)?
+            }
+        };
         iterations += admm.iterations + balanced.iterations;
         if balanced.imbalance > BALANCED && rounds < most_rounds {
             rounds = most_rounds;
@@ -216,7 +272,7 @@ pub fn place_again(
         }
         if options.strength.is_some() && balanced.imbalance > BALANCED {
             let worst = certificate::worst(&program, &balanced.state);
-            let fall = falls::fall(pile, &tight_options, &mut fallen, worst, going)?;
+            let fall = falls::fall(pile, &options.tight(), &mut fallen, worst, going)?;
             iterations += fall.iterations;
             if fall.any {
                 continue;
@@ -234,22 +290,34 @@ pub fn place_again(
     }
 }
 
+fn most_rounds(pile: &GlueProblem) -> usize {
+    if pile.bodies.len() <= LARGE { MOST_ROUNDS } else { LEAST_ROUNDS }
+}
+
+impl GlueOptions {
+    fn tight(&self) -> GlueOptions {
+        GlueOptions { friction_factor: self.friction_factor * TIGHT, ..*self }
+    }
+}
+
 /// The sites that each round glues, ascending; the last round first.
-fn choose(
+fn run_rounds(
     admm: &mut Admm,
     known: &[GlueJoint],
     rounds: usize,
     going: &mut Going,
 ) -> Result<Vec<Vec<usize>>, GlueError> {
+    let bodies = admm.program.target.len();
     let mut weights = GlueWeights::of(admm.program, 1.0);
-    if known.is_empty() {
+    // In a small pile, neither balance nor a look shows whether the choice is settled.
+    let is_small = bodies <= admm::SMALL;
+    if !known.is_empty() {
+        admm.take(admm.program.state(known));
+    } else if is_small {
         admm.run(&weights, admm::FIRST, admm::NEAR, going)?;
     } else {
-        admm.take(admm.program.state(known));
+        admm.settle(&weights, admm::FIRST, NOTHING, going)?;
     }
-    let bodies = admm.program.target.len();
-    // In a small pile, balance does not show whether the choice is settled.
-    let next = if bodies <= admm::SMALL { admm::NEXT_SMALL } else { admm::NEXT };
     let left_out = if known.is_empty() { 0 } else { KNOWN.min(rounds - 1) };
     let mut chosen = Vec::new();
     for number in left_out..rounds {
@@ -259,7 +327,11 @@ fn choose(
         weights.price(admm.program, e);
         // Costs have fallen by e; balance must not outweigh them.
         admm.set_penalty(e);
-        admm.run(&weights, next, admm::NEAR, going)?;
+        if is_small {
+            admm.run(&weights, admm::NEXT_SMALL, admm::NEAR, going)?;
+        } else {
+            admm.settle(&weights, admm::NEXT, NOTHING, going)?;
+        }
         chosen.push(admm.joints(NOTHING));
     }
     chosen.reverse();

@@ -51,7 +51,7 @@ pub struct ScaledSite {
 }
 
 /// The unknowns: a force per contact, a wrench per site's joint, and the missing support per body.
-#[derive(Clone)]
+#[derive(Clone, Debug, Default)]
 pub struct GlueForces {
     /// Shape `[contact]`, along its axes.
     pub contacts: Vec<Vector3<f64>>,

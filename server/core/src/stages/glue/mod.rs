@@ -6,14 +6,14 @@
 //! [`cairn_statics::glue`].
 
 pub mod policy;
+mod natural;
 mod search;
 mod sites;
 mod trial;
 
 pub use policy::MOST_MOVED;
-pub use search::joints;
 pub use sites::Sites;
-pub use trial::{TrialResult, release_trial};
+pub use trial::{Ends, TrialResult, release_trial};
 
 use crate::error::Error;
 use crate::geometry::interior::DistanceGrid;
@@ -24,8 +24,10 @@ use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::{Joint, PileGlue};
 use crate::sim::step::Simulation;
 use glam::{DQuat, DVec3};
+use natural::Natural;
 use policy::{SAGS, TILT};
 use search::Search;
+use std::collections::BTreeSet;
 use trial::Trials;
 
 /// The joints, and the result of their trial. Engine units.
@@ -69,10 +71,26 @@ pub struct Glued {
 }
 
 impl Glued {
+    /// No glue, where the pile stands by itself.
+    fn of(natural: Option<&Natural>) -> Glued {
+        let Some(Natural { trial, .. }) = natural else { return Glued::default() };
+        Glued {
+            displacement: trial.displacement,
+            moved: Some(trial.moved),
+            poses_with_glue: trial.poses.clone(),
+            ..Glued::default()
+        }
+    }
+
     /// The pile stood in its trial, or there was none.
     pub fn stands(&self) -> bool {
-        self.moved.is_none_or(|moved| moved <= MOST_MOVED && self.displacement <= SAGS)
+        stands(self.moved, self.displacement)
     }
+}
+
+/// Share of the bodies that moved in a trial, if there was one, and their mean displacement, d.
+fn stands(moved: Option<f64>, displacement: f64) -> bool {
+    moved.is_none_or(|moved| moved <= MOST_MOVED && displacement <= SAGS)
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `turn_over`: the same pile again, for the
@@ -87,17 +105,31 @@ pub fn run<'a>(
 ) -> Result<Glued, Error> {
     let anchors = params.glue.anchor != Switch::Off;
     let proves = resolved.is_on(EffectName::GlueProof);
-    let sites = Sites::new(&sim.pile.world, region, anchors);
-    let trials = Trials::new(turn_over, sites.ids.len());
+    let world = &sim.pile.world;
+    let mut trials = Trials::new(turn_over, world.present().count());
+    let all = proves && params.glue.proof == Switch::On;
+    let natural = match proves && params.glue.anchor != Switch::On {
+        true => Some(Natural::run(world, &mut trials, all, observer)?),
+        false => None,
+    };
+    let standing = natural.as_ref().map_or(BTreeSet::new(), |natural| natural.standing(world));
+    let sites = Sites::new(world, region, anchors, &standing);
     let mut search = Search::new(sites, params, resolved, trials);
-    let mut glued = if proves { search.stable(observer)? } else { search.attempt(0, observer)?.glued };
+    let mut glued = match proves {
+        true if search.sites.ids.is_empty() => Glued::of(natural.as_ref()),
+        true => search.stable(observer)?,
+        false => search.unproven(observer)?,
+    };
     let Search { mut trials, sites, iterations, .. } = search;
     if params.glue.proof == Switch::On && proves {
-        glued.poses_without_glue = trials.run(&[], &sites.unreachable, DVec3::NEG_Y, true, observer)?.poses;
+        glued.poses_without_glue = match natural {
+            Some(natural) => natural.trial.poses,
+            None => trials.run(&[], &[], DVec3::NEG_Y, Ends::Late, observer)?.poses,
+        };
         let mut worst = 0.0f64;
         for side in [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z] {
             let down = DQuat::from_axis_angle(side, TILT.to_radians()) * DVec3::NEG_Y;
-            worst = worst.max(trials.run(&glued.joints, &sites.unreachable, down, false, observer)?.moved);
+            worst = worst.max(trials.run(&glued.joints, &sites.unreachable, down, Ends::Soon, observer)?.moved);
         }
         glued.moved_tilted = Some(worst);
     }

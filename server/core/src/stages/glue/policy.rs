@@ -5,6 +5,7 @@
 //!
 //! | | the trial shows | next step | constants |
 //! | --- | --- | --- | --- |
+//! | 0 | it stands without glue | no glue; nor for heaps that stand, where others fall | [`SAGS`] |
 //! | 0 | (no trial yet) | place; weld the pairs that are pressed into each other | [`PRESSED`] |
 //! | 1 | the pile leans as a whole | glue all feet to the ground, from the next attempt on | [`LEANS`] |
 //! | 2 | few moved, or prices are at the top | discount their friction; go on from these joints | [`IN_PLACES`] |
@@ -51,7 +52,7 @@ pub const PRESSED: f64 = 0.2;
 pub const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
 /// After these attempts, only bodies that moved get a higher price, where no larger share than [`LOCAL_MOVED`] has. A
 /// tenth fewer joints in the median of 54 piles.
-pub const LOCAL: Range<usize> = 1..5;
+pub const LOCAL: Range<usize> = 0..5;
 /// Beyond this share of moved bodies, the price rises everywhere.
 pub const LOCAL_MOVED: f64 = 0.3;
 /// Guards against piles that come no nearer: most need one or two attempts, a standing man of bananas five.
@@ -84,11 +85,13 @@ pub const IN_PLACES: f64 = 0.1;
 pub const SAGS: f64 = 0.06;
 /// Steps between two looks at the pile.
 pub const LOOK: u64 = 25;
-/// The trial ends once this many looks in a row predict that no body gets farther than [`STILL`] in the rest of the
-/// time.
+/// The trial ends once this many looks in a row predict, at the pace of each, that the pile stands at the end of the
+/// time, or that no body gets farther than [`STILL`] in the rest of it.
 pub const STILL_LOOKS: u32 = 3;
 /// See [`STILL_LOOKS`]; d. Far less than [`MOVED`].
 pub const STILL: f64 = 0.02;
+/// A trial ends, too, once two looks find the pile to fail, or to sag by more than this factor beyond [`SAGS`].
+pub const SURELY: f64 = 1.2;
 /// The second trial tilts the ground by this to four sides, degrees. Half of friction leaves a cone of sticks standing
 /// at 5 and 10.
 pub const TILT: f64 = 5.0;

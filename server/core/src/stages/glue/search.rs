@@ -4,7 +4,7 @@
 use super::Glued;
 use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
 use super::sites::Sites;
-use super::trial::{TrialResult, Trials};
+use super::trial::{Ends, Poses, TrialResult, Trials};
 use crate::error::Error;
 use crate::geometry::topology::DisjointSets;
 use crate::input::observer::{Observer, observe};
@@ -12,10 +12,9 @@ use crate::input::params::{Params, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::Joint;
 use crate::world::{BodyId, PairSide};
-use cairn_statics::glue::{self, GlueError, GlueJoint, GlueOptions, GluePlacement};
+use cairn_statics::glue::{self, GlueChoice, GlueError, GlueJoint, GlueOptions, GluePlacement};
 use glam::DVec3;
 use std::collections::BTreeSet;
-use std::ops::ControlFlow;
 
 /// The search for joints with which the pile stands, not only on paper.
 pub struct Search<'p, 'a> {
@@ -59,7 +58,9 @@ impl<'p, 'a> Search<'p, 'a> {
         for number in 0..ATTEMPTS {
             let mut attempt = self.attempt(number, observer)?;
             is_last |= number + 1 == ATTEMPTS;
-            let trial = self.trials.run(&attempt.glued.joints, &attempt.absent, DVec3::NEG_Y, is_last, observer)?;
+            let joints = self.joints(&attempt);
+            let ends = if is_last { Ends::Late } else { Ends::Soon };
+            let trial = self.trials.run(&joints, &attempt.absent, DVec3::NEG_Y, ends, observer)?;
             let next = self.next(number, &mut attempt, trial, observer)?;
             if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
                 best = Some(attempt);
@@ -77,33 +78,89 @@ impl<'p, 'a> Search<'p, 'a> {
         if self.bound.is_none() && !best.is_welded {
             self.weld(&mut best, observer)?;
         }
-        Ok(best.glued)
+        self.certified(best, observer)
+    }
+
+    /// The first choice, without a trial.
+    pub fn unproven(&mut self, observer: &mut dyn Observer) -> Result<Glued, Error> {
+        let attempt = self.attempt(0, observer)?;
+        self.certified(attempt, observer)
     }
 
     /// Places joints with the prices and discounts so far.
-    pub fn attempt(&mut self, number: usize, observer: &mut dyn Observer) -> Result<Attempt, Error> {
+    fn attempt(&mut self, number: usize, observer: &mut dyn Observer) -> Result<Attempt, Error> {
         // Most piles need one or two: each attempt is half of what is left.
         let left = 0.5f64.powi(number as i32);
         (self.trials.begin, self.trials.end) = (1.0 - left, 1.0 - left / 2.0);
         observe(observer, &self.trials.progress(0.0))?;
+        let options = self.options();
+        let mut going = || observer.progress(&self.trials.progress(0.0));
+        let problem = self.sites.problem(DVec3::NEG_Y);
+        let choice = match self.bound {
+            // What it cannot hold is known with the certificate alone.
+            Some(_) => Choice::Certified(failure(glue::place_again(&problem, &options, &self.known, &mut going))?),
+            None => Choice::Near(failure(glue::choose(&problem, &options, &self.known, &mut going))?),
+        };
+        self.iterations += choice.iterations();
+        // Where no trial shows that the foot is wide enough, all of it is glued.
+        self.anchors_all |= self.anchors && !self.proves && !choice.joints().is_empty();
+        let absent = choice.fallen().iter().map(|&body| self.sites.ids[body]);
+        let mut attempt = Attempt {
+            absent: absent.chain(self.sites.unreachable.iter().copied()).collect(),
+            sites: self.sites.clone(),
+            choice,
+            more: BTreeSet::new(),
+            anchors_all: self.anchors_all,
+            moving: BTreeSet::new(),
+            is_welded: false,
+            displacement: 0.0,
+            moved: None,
+            poses: None,
+        };
+        attempt.glue_feet();
+        if self.bound.is_none() {
+            let pressed = attempt.joining(|site| attempt.sites.depths[site] > PRESSED);
+            attempt.more.extend(pressed);
+        }
+        Ok(attempt)
+    }
+
+    fn options(&self) -> GlueOptions {
         let glue = &self.params.glue;
         let (friction_factor, normal_price) = (glue.friction_factor, glue.normal_price);
-        let rounds = glue.rounds as usize;
-        let options = GlueOptions { friction_factor, normal_price, strength: self.bound, rounds };
-        let mut going = || observer.progress(&self.trials.progress(0.0));
-        let sites = &self.sites;
-        let placement = place(sites, &options, &self.known, &mut going)?;
-        self.iterations += placement.iterations;
-        // Where no trial shows that the foot is wide enough, all of it is glued.
-        self.anchors_all |= self.anchors && !self.proves && !placement.joints.is_empty();
-        let mut joints = joints(sites, &placement, self.anchors_all, self.least_limit, glue.breaking);
-        if self.bound.is_none() {
-            let pressed = joining(sites, &joints, self.least_limit, |site| sites.depths[site] > PRESSED);
-            joints.extend(pressed);
-        }
+        GlueOptions { friction_factor, normal_price, strength: self.bound, rounds: glue.rounds as usize }
+    }
+
+    /// Engine units.
+    fn joints(&self, attempt: &Attempt) -> Vec<Joint> {
+        let joint = |site: usize, force: DVec3, moment: DVec3| {
+            attempt.sites.joint(site, force, moment, self.least_limit, self.params.glue.breaking)
+        };
+        let chosen = attempt.choice.joints().iter().map(|j| joint(j.site, j.force, j.moment));
+        chosen.chain(attempt.more.iter().map(|&site| joint(site, DVec3::ZERO, DVec3::ZERO))).collect()
+    }
+
+    /// Balances an attempt's joints, and proves it. Joints that are added only hold more.
+    fn certified(&mut self, mut attempt: Attempt, observer: &mut dyn Observer) -> Result<Glued, Error> {
+        let options = self.options();
+        let placement = match attempt.choice {
+            Choice::Certified(placement) => placement,
+            Choice::Near(choice) => {
+                let mut going = || observer.progress(&self.trials.progress(1.0));
+                let problem = attempt.sites.problem(DVec3::NEG_Y);
+                let before = choice.iterations;
+                let placement = failure(glue::certify(&problem, &options, &[], &choice, &mut going))?;
+                self.iterations += placement.iterations - before;
+                // Where all was chosen again, the trial was of these.
+                let dropped = choice.joints.iter().map(|joint| joint.site);
+                attempt.more.extend(dropped);
+                placement
+            }
+        };
+        placement.joints.iter().for_each(|joint| drop(attempt.more.remove(&joint.site)));
+        let sites = &attempt.sites;
         let gaps = || placement.joints.iter().map(|joint| sites.gaps[joint.site]).filter(|gap| *gap > 0.0);
         let glued = Glued {
-            joints,
             contact_pairs: sites.real_with(&placement),
             at_least: placement.at_least,
             bridges: gaps().count(),
@@ -111,13 +168,15 @@ impl<'p, 'a> Search<'p, 'a> {
             unreachable: sites.unreachable.len(),
             too_weak: placement.fallen.len(),
             imbalance: placement.imbalance,
-            normal_price: normal_price.max(sites.highest_price()),
-            anchors_all: self.anchors_all,
+            normal_price: options.normal_price.max(sites.highest_price()),
+            anchors_all: attempt.anchors_all,
+            displacement: attempt.displacement,
+            moved: attempt.moved,
+            poses_with_glue: attempt.poses.take(),
             ..Glued::default()
         };
-        let absent =
-            placement.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
-        Ok(Attempt { glued, absent, chosen: placement.joints, moving: BTreeSet::new(), is_welded: false })
+        attempt.choice = Choice::Certified(placement);
+        Ok(Glued { joints: self.joints(&attempt), ..glued })
     }
 
     /// Applies the policy to a trial. Changes sites and prices for the next attempt, and may weld this one.
@@ -141,7 +200,7 @@ impl<'p, 'a> Search<'p, 'a> {
         }
         self.anchors_all |= leans;
         if fails_in_places || is_highest_price {
-            self.known.clone_from(&attempt.chosen);
+            self.known = attempt.choice.joints().to_vec();
         } else {
             let is_local = LOCAL.contains(&number)
                 && moved <= LOCAL_MOVED
@@ -161,23 +220,26 @@ impl<'p, 'a> Search<'p, 'a> {
     /// Welds moving bodies to all that they touch, and bodies that move next, too.
     fn weld(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<(), Error> {
         attempt.is_welded = true;
-        let (mut joints, mut moving) = (attempt.glued.joints.clone(), attempt.moving.clone());
+        let (before, mut moving) = (attempt.more.clone(), attempt.moving.clone());
+        let mut kept = before.clone();
         for _ in 0..WELD_ROUNDS {
-            if attempt.glued.moved == Some(0.0) {
+            if attempt.moved == Some(0.0) {
                 break;
             }
-            let more = welds(&self.sites, &joints, &moving, self.least_limit);
+            let more = attempt.welds(&moving);
             if more.is_empty() {
                 break;
             }
-            joints.extend(more);
-            let trial = self.trials.run(&joints, &attempt.absent, DVec3::NEG_Y, true, observer)?;
+            attempt.more.extend(more);
+            let joints = self.joints(attempt);
+            let trial = self.trials.run(&joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
             moving.extend(&trial.moved_bodies);
-            if trial.displacement < attempt.glued.displacement {
-                attempt.glued.joints.clone_from(&joints);
+            if trial.displacement < attempt.displacement {
+                kept.clone_from(&attempt.more);
                 attempt.stood(trial);
             }
         }
+        attempt.more = kept;
         Ok(())
     }
 }
@@ -190,103 +252,127 @@ enum Next {
     Other,
 }
 
+/// Joints that were chosen.
+enum Choice {
+    /// Near balance, for a trial.
+    Near(GlueChoice),
+    Certified(GluePlacement),
+}
+
+impl Choice {
+    fn joints(&self) -> &[GlueJoint] {
+        match self {
+            Choice::Near(choice) => &choice.joints,
+            Choice::Certified(placement) => &placement.joints,
+        }
+    }
+
+    fn fallen(&self) -> &[usize] {
+        match self {
+            Choice::Near(_) => &[],
+            Choice::Certified(placement) => &placement.fallen,
+        }
+    }
+
+    fn iterations(&self) -> u64 {
+        match self {
+            Choice::Near(choice) => choice.iterations,
+            Choice::Certified(placement) => placement.iterations,
+        }
+    }
+}
+
 /// A choice of joints, and the result of its trial.
-pub struct Attempt {
-    pub glued: Glued,
+struct Attempt {
+    /// With the prices and discounts of this choice.
+    sites: Sites,
+    choice: Choice,
+    /// Sites that are glued beside the chosen ones: feet, pairs that are pressed, welds. They carry nothing in the
+    /// certified equilibrium.
+    more: BTreeSet<usize>,
+    anchors_all: bool,
     /// Bodies that are left out of the trial.
     absent: Vec<BodyId>,
-    /// Joints of the certified equilibrium.
-    chosen: Vec<GlueJoint>,
     /// Bodies that have moved, with these joints or fewer.
     moving: BTreeSet<BodyId>,
     is_welded: bool,
+    /// Mean displacement in the trial, d.
+    displacement: f64,
+    moved: Option<f64>,
+    poses: Poses,
 }
 
 impl Attempt {
     fn stands(&self) -> bool {
-        self.glued.stands()
+        super::stands(self.moved, self.displacement)
     }
 
     fn is_as_good_as(&self, other: &Attempt) -> bool {
-        if self.stands() == other.stands() {
-            self.glued.displacement <= other.glued.displacement
-        } else {
-            self.stands()
-        }
+        if self.stands() == other.stands() { self.displacement <= other.displacement } else { self.stands() }
     }
 
     fn stood(&mut self, trial: TrialResult) {
         // A trial that ended early is worse than every other.
-        self.glued.displacement = if trial.poses.is_some() { trial.displacement } else { f64::INFINITY };
+        self.displacement = if trial.poses.is_some() { trial.displacement } else { f64::INFINITY };
         self.moving.extend(trial.moved_bodies);
-        (self.glued.moved, self.glued.poses_with_glue) = (Some(trial.moved), trial.poses);
+        (self.moved, self.poses) = (Some(trial.moved), trial.poses);
+    }
+
+    fn is_chosen(&self, site: usize) -> bool {
+        self.choice.joints().binary_search_by_key(&site, |joint| joint.site).is_ok()
+    }
+
+    /// With `anchors_all`, every contact with the fixed surroundings is glued.
+    fn glue_feet(&mut self) {
+        if !self.anchors_all {
+            return;
+        }
+        let pile = self.sites.problem(DVec3::NEG_Y);
+        let feet = (0..pile.sites.len()).filter(|&t| {
+            let is_foot = matches!(self.sites.between[t].1, PairSide::Ground | PairSide::Scenery);
+            let stands = self.choice.fallen().binary_search(&pile.sites[t].body).is_err();
+            is_foot && self.sites.is_real(t) && stands && !self.is_chosen(t)
+        });
+        let feet: Vec<usize> = feet.collect();
+        self.more.extend(feet);
+    }
+
+    /// Further sites, so that each of these bodies is one solid with all that it touches: they hold against motion
+    /// that statics does not predict.
+    fn welds(&self, moving: &BTreeSet<BodyId>) -> Vec<usize> {
+        let moves = |side: PairSide| matches!(side, PairSide::Body(id) if moving.contains(&id));
+        self.joining(|site| {
+            let (a, b) = self.sites.between[site];
+            moves(PairSide::Body(a)) || moves(b)
+        })
+    }
+
+    /// Further sites, so that the two bodies of each of these are one solid.
+    fn joining(&self, joins: impl Fn(usize) -> bool) -> Vec<usize> {
+        let pile = self.sites.problem(DVec3::NEG_Y);
+        // The fixed surroundings are one more solid.
+        let still = self.sites.ids.len();
+        let ends = |site: usize| (pile.sites[site].body, pile.sites[site].other.unwrap_or(still));
+        let mut solids = DisjointSets::new(still + 1);
+        for site in self.choice.joints().iter().map(|joint| joint.site).chain(self.more.iter().copied()) {
+            let (a, b) = ends(site);
+            solids.join(a, b);
+        }
+        let mut more = Vec::new();
+        for (number, site) in pile.sites.iter().enumerate() {
+            let (a, b) = ends(number);
+            if site.may_glue && self.sites.is_real(number) && joins(number) && solids.find(a) != solids.find(b) {
+                solids.join(a, b);
+                more.push(number);
+            }
+        }
+        more
     }
 }
 
-fn place(
-    sites: &Sites,
-    options: &GlueOptions,
-    known: &[GlueJoint],
-    going: &mut dyn FnMut() -> ControlFlow<()>,
-) -> Result<GluePlacement, Error> {
-    glue::place_again(&sites.problem(DVec3::NEG_Y), options, known, going).map_err(|error| match error {
+fn failure<T>(result: Result<T, GlueError>) -> Result<T, Error> {
+    result.map_err(|error| match error {
         GlueError::Cancelled => Error::Cancelled,
         other => Error::Internal(other.to_string()),
     })
-}
-
-/// The joints of a placement, engine units; with `anchors_all`, also joints at every contact with the ground.
-/// `least_limit`: least load at which a joint breaks.
-pub fn joints(
-    sites: &Sites,
-    placement: &GluePlacement,
-    anchors_all: bool,
-    least_limit: f64,
-    breaking: f64,
-) -> Vec<Joint> {
-    let pile = sites.problem(DVec3::NEG_Y);
-    let joint = |site: usize, force: DVec3, moment: DVec3| sites.joint(site, force, moment, least_limit, breaking);
-    let mut joints: Vec<Joint> = placement.joints.iter().map(|j| joint(j.site, j.force, j.moment)).collect();
-    if anchors_all {
-        let chosen = |site: usize| placement.joints.iter().any(|j| j.site == site);
-        let stands = |site: usize| placement.fallen.binary_search(&pile.sites[site].body).is_err();
-        let feet = (0..pile.sites.len()).filter(|&t| {
-            let is_foot = matches!(sites.between[t].1, PairSide::Ground | PairSide::Scenery) && sites.is_real(t);
-            is_foot && !chosen(t) && stands(t)
-        });
-        joints.extend(feet.map(|site| joint(site, DVec3::ZERO, DVec3::ZERO)));
-    }
-    joints
-}
-
-/// Further joints, so that each of these bodies is one solid with all that it touches: they hold against motion that
-/// statics does not predict.
-fn welds(sites: &Sites, joints: &[Joint], moving: &BTreeSet<BodyId>, limit: f64) -> Vec<Joint> {
-    let moves = |side: PairSide| matches!(side, PairSide::Body(id) if moving.contains(&id));
-    joining(sites, joints, limit, |site| {
-        let (a, b) = sites.between[site];
-        moves(PairSide::Body(a)) || moves(b)
-    })
-}
-
-/// Further joints, so that the two bodies of each of these sites are one solid. They carry nothing in the certified
-/// equilibrium.
-fn joining(sites: &Sites, joints: &[Joint], limit: f64, joins: impl Fn(usize) -> bool) -> Vec<Joint> {
-    let pile = sites.problem(DVec3::NEG_Y);
-    // The fixed surroundings are one more solid.
-    let still = sites.ids.len();
-    let index = |id: BodyId| sites.ids.binary_search(&id).unwrap_or(still);
-    let mut solids = DisjointSets::new(still + 1);
-    for joint in joints {
-        solids.join(index(joint.a), joint.b.map_or(still, index));
-    }
-    let mut more = Vec::new();
-    for (number, site) in pile.sites.iter().enumerate() {
-        let (a, b) = (site.body, site.other.unwrap_or(still));
-        if site.may_glue && sites.is_real(number) && joins(number) && solids.find(a) != solids.find(b) {
-            solids.join(a, b);
-            more.push(sites.joint(number, DVec3::ZERO, DVec3::ZERO, limit, 1.0));
-        }
-    }
-    more
 }

@@ -14,6 +14,7 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 
 /// The bodies of a pile and the sites between them. Engine units.
+#[derive(Clone)]
 pub struct Sites {
     /// The bodies that can be held, ascending.
     pub ids: Vec<BodyId>,
@@ -41,9 +42,15 @@ pub struct Sites {
 
 impl Sites {
     /// `region`: the glue acts inside it; `None`: everywhere. `anchors`: bodies may be glued to the fixed surroundings.
-    pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool) -> Sites {
+    /// `standing`: bodies that need no glue, and that touch none that does.
+    pub fn new(
+        world: &World,
+        region: Option<&DistanceGrid>,
+        anchors: bool,
+        standing: &BTreeSet<BodyId>,
+    ) -> Sites {
         let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
-        let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && is_inside(id);
+        let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && !standing.contains(&id) && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
         let mut pairs = world.contact_pairs(REAL_CONTACT);
         pairs.retain(|pair| pair.b != PairSide::Moving);

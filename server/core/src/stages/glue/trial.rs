@@ -1,6 +1,6 @@
 //! A trial: the glued pile is released without control, and its motion is measured.
 
-use super::policy::{LOOK, MOST_MOVED, MOVED, STILL, STILL_LOOKS, TRIAL_TIME};
+use super::policy::{LEANS, LOOK, MOST_MOVED, MOVED, SAGS, STILL, STILL_LOOKS, SURELY, TRIAL_TIME};
 use crate::error::Error;
 use crate::geometry::RESOLUTION;
 use crate::geometry::pose::Pose;
@@ -23,8 +23,19 @@ pub struct TrialResult {
     pub displacement: f64,
     /// Final poses of the bodies, engine units; `None` if the trial ended early. Shape `[body]`; `None`: the body was
     /// left out.
-    pub poses: Option<Vec<Option<Pose>>>,
+    pub poses: Poses,
     pub steps: u64,
+}
+
+pub type Poses = Option<Vec<Option<Pose>>>;
+
+/// When a trial ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ends {
+    /// Once the pile surely falls, or surely stands.
+    Soon,
+    /// Once the pile surely stands.
+    Late,
 }
 
 /// Runs trials, and counts their cost.
@@ -55,12 +66,12 @@ impl<'p, 'a> Trials<'p, 'a> {
         joints: &[Joint],
         absent: &[BodyId],
         down: DVec3,
-        to_the_end: bool,
+        ends: Ends,
         observer: &mut dyn Observer,
     ) -> Result<TrialResult, Error> {
         let clock = observer.cpu_seconds();
         let mut report = |part: f64| observe(observer, &self.progress(part));
-        let trial = release_trial((self.turn_over)()?, joints, absent, down, to_the_end, &mut report)?;
+        let trial = release_trial((self.turn_over)()?, joints, absent, down, ends, &mut report)?;
         self.begin = self.progress(1.0).fraction;
         self.steps += trial.steps;
         self.seconds += observer.cpu_seconds() - clock;
@@ -68,14 +79,13 @@ impl<'p, 'a> Trials<'p, 'a> {
     }
 }
 
-/// Releases a pile with these joints for [`TRIAL_TIME`], awake, without control and without the `absent` bodies. The
-/// trial ends early once no body moves, and, unless `to_the_end`, soon after bodies have moved.
+/// Releases a pile with these joints for [`TRIAL_TIME`] at most, awake, without control and without the `absent` bodies.
 pub fn release_trial(
     mut sim: Simulation,
     joints: &[Joint],
     absent: &[BodyId],
     down: DVec3,
-    to_the_end: bool,
+    ends: Ends,
     report: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<TrialResult, Error> {
     let pile = &mut sim.pile;
@@ -86,25 +96,27 @@ pub fn release_trial(
     world.set_gravity(down);
     let before = poses(world);
     let steps = (TRIAL_TIME / world.step_length()).ceil() as u64;
-    let (mut failing, mut still, mut latest) = (0, 0, before.clone());
+    let (mut failing, mut standing, mut latest) = (0, 0, before.clone());
     for step in 1..=steps {
         world.step();
         if step % LOOK == 0 || step == steps {
             report(step as f64 / steps as f64)?;
-            let mut trial = look(world, &before, step);
-            failing += u64::from(trial.moved > MOST_MOVED);
-            if step == steps {
-                trial.poses = Some(poses(world));
-                return Ok(trial);
-            }
-            if failing > 1 && !to_the_end {
-                return Ok(trial);
-            }
             let now = poses(world);
+            let mut trial = look(&before, &now, step);
+            if step == steps {
+                trial.poses = Some(now);
+                return Ok(trial);
+            }
+            failing += u64::from(trial.moved > MOST_MOVED || trial.displacement > SURELY * SAGS);
+            if failing > 1 && ends == Ends::Soon {
+                return Ok(trial);
+            }
             let looks_left = (steps - step) as f64 / LOOK as f64;
-            still = if predicted(&latest, &now, looks_left) < STILL { still + 1 } else { 0 };
+            let ahead = look(&before, &ahead(&latest, &now, looks_left), step);
+            let is_to_stand = ahead.moved <= MOST_MOVED && ahead.displacement <= SAGS.min(LEANS);
+            standing = if is_to_stand || farthest(&latest, &now) * looks_left < STILL { standing + 1 } else { 0 };
             latest = now;
-            if still == STILL_LOOKS {
+            if standing == STILL_LOOKS {
                 trial.poses = Some(latest);
                 return Ok(trial);
             }
@@ -113,20 +125,33 @@ pub fn release_trial(
     Ok(TrialResult { poses: Some(before), ..TrialResult::default() })
 }
 
-/// Farthest displacement of a body in the rest of the trial, at the pace of the latest look, d.
-fn predicted(latest: &[Option<Pose>], now: &[Option<Pose>], looks_left: f64) -> f64 {
+/// Farthest way of a body between two looks, d.
+fn farthest(latest: &[Option<Pose>], now: &[Option<Pose>]) -> f64 {
     let pairs = latest.iter().zip(now).filter_map(|(&latest, &now)| latest.zip(now));
-    looks_left * pairs.map(|(latest, now)| latest.translation.distance(now.translation)).fold(0.0, f64::max)
+    pairs.map(|(latest, now)| latest.translation.distance(now.translation)).fold(0.0, f64::max)
+}
+
+/// Where the bodies will be after so many looks, at the pace of the latest one.
+fn ahead(latest: &[Option<Pose>], now: &[Option<Pose>], looks: f64) -> Vec<Option<Pose>> {
+    let ahead = |(&latest, &now): (&Option<Pose>, &Option<Pose>)| {
+        let (latest, now) = latest.zip(now)?;
+        let way = now.translation - latest.translation;
+        Some(Pose { translation: now.translation + way * looks, ..now })
+    };
+    latest.iter().zip(now).map(ahead).collect()
 }
 
 /// Displacements so far. The displacement of a body that flew away is limited to 1 d.
-fn look(world: &World, before: &[Option<Pose>], steps: u64) -> TrialResult {
-    let displacement =
-        |id: BodyId| before[id].map_or(0.0, |pose| world.pose(id).translation.distance(pose.translation));
-    let beyond = |least: f64| world.present().filter(move |&id| displacement(id) > least).collect::<Vec<BodyId>>();
-    let count = world.present().count().max(1) as f64;
+fn look(before: &[Option<Pose>], now: &[Option<Pose>], steps: u64) -> TrialResult {
+    let way = |(id, (before, now)): (BodyId, (&Option<Pose>, &Option<Pose>))| {
+        let (before, now) = before.zip(*now)?;
+        Some((id, now.translation.distance(before.translation)))
+    };
+    let ways: Vec<(BodyId, f64)> = before.iter().zip(now).enumerate().filter_map(way).collect();
+    let beyond = |least: f64| ways.iter().filter(|(_, way)| *way > least).map(|(id, _)| *id).collect::<Vec<BodyId>>();
+    let count = ways.len().max(1) as f64;
     let (moved_bodies, moved_a_little) = (beyond(MOVED), beyond(RESOLUTION));
-    let mean = world.present().map(|id| displacement(id).min(1.0)).sum::<f64>() / count;
+    let mean = ways.iter().map(|(_, way)| way.min(1.0)).sum::<f64>() / count;
     let moved = moved_bodies.len() as f64 / count;
     TrialResult { moved, moved_bodies, moved_a_little, displacement: mean, poses: None, steps }
 }

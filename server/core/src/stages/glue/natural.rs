@@ -1,0 +1,54 @@
+//! The release without glue: what stands by itself is not glued.
+
+use super::policy::SAGS;
+use super::trial::{Ends, TrialResult, Trials};
+use crate::error::Error;
+use crate::geometry::contact::REAL_CONTACT;
+use crate::geometry::topology::DisjointSets;
+use crate::input::observer::Observer;
+use crate::world::{BodyId, PairSide, World};
+use glam::DVec3;
+use std::collections::BTreeSet;
+
+/// The release of a pile without glue.
+pub struct Natural {
+    pub trial: TrialResult,
+    /// The heaps: bodies that contacts join, each body named by its heap's first one. Shape `[body]`.
+    heaps: Vec<BodyId>,
+}
+
+impl Natural {
+    /// `all`: the trial runs to its end, also where the pile falls.
+    pub fn run(
+        world: &World,
+        trials: &mut Trials,
+        all: bool,
+        observer: &mut dyn Observer,
+    ) -> Result<Natural, Error> {
+        let heaps = heaps(world);
+        let present: BTreeSet<BodyId> = world.present().map(|id| heaps[id]).collect();
+        // Where one heap falls, others may stand.
+        let ends = if all || present.len() > 1 { Ends::Late } else { Ends::Soon };
+        Ok(Natural { trial: trials.run(&[], &[], DVec3::NEG_Y, ends, observer)?, heaps })
+    }
+
+    /// Bodies of the heaps in which none has moved.
+    pub fn standing(&self, world: &World) -> BTreeSet<BodyId> {
+        let Some(poses) = &self.trial.poses else { return BTreeSet::new() };
+        let has_moved = |&id: &BodyId| {
+            poses[id].is_none_or(|pose| pose.translation.distance(world.pose(id).translation) > SAGS)
+        };
+        let falling: BTreeSet<BodyId> = world.present().filter(has_moved).map(|id| self.heaps[id]).collect();
+        world.present().filter(|&id| !falling.contains(&self.heaps[id])).collect()
+    }
+}
+
+fn heaps(world: &World) -> Vec<BodyId> {
+    let mut sets = DisjointSets::new(world.bodies().len());
+    for pair in world.contact_pairs(REAL_CONTACT) {
+        if let PairSide::Body(b) = pair.b {
+            sets.join(pair.a, b);
+        }
+    }
+    (0..world.bodies().len()).map(|id| sets.find(id)).collect()
+}
