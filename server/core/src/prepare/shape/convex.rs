@@ -20,8 +20,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 const MOST_CORNERS: usize = 96;
 /// Most corners of one of several parts. They cost more, for each pair that is near.
 const MOST_PART_CORNERS: usize = 40;
-/// A finer split is taken where it is nearer to the mesh by this factor: its parts cost in every step.
-const FINER: f64 = 0.9;
+/// A hull of no more corners is not simplified: it is cheap, and what it lies on stays as it is.
+const FEW_CORNERS: usize = 16;
 /// Corners of a hull by which the deviation is measured.
 const SKETCH_POINTS: usize = 48;
 /// Points sampled on each surface to measure the deviation.
@@ -39,7 +39,7 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, ph
         for concavity in CONCAVITIES {
             let Some(parts) = unit.vhacd(concavity, physics.max_parts) else { continue };
             let found = unit.deviation(&parts);
-            if found < FINER * best_deviation {
+            if found < best_deviation {
                 (best, best_deviation) = (parts, found);
             }
             if best_deviation <= tolerance {
@@ -50,19 +50,22 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, ph
     let gap = physics.shape_gap * thickness / diameter;
     let most = if best.len() > 1 { MOST_PART_CORNERS } else { MOST_CORNERS };
     let skin = SKIN * gap;
-    let margin = Margin { tolerance: gap - skin, skin, most };
     let mut farthest = 0.0f64;
-    let mut enclosed = |part: Part| match enclosing(&part.exact, margin) {
-        Some((corners, gap)) => {
-            farthest = farthest.max(gap + margin.skin);
-            corners
-        }
-        // Flat: the skin makes it a plate.
-        None => {
-            let thick = margin.skin as f32;
-            let around = |p: &Vector| Vector::AXES.map(|axis| [*p + axis * thick, *p - axis * thick]);
-            let plate: Vec<Vector> = part.exact.iter().flat_map(around).flatten().collect();
-            enclosing(&plate, margin).map_or(part.coarse, |(corners, _)| corners)
+    let mut enclosed = |part: Part| {
+        let tolerance = if part.exact.len() <= FEW_CORNERS { 0.0 } else { gap - skin };
+        let margin = Margin { tolerance, skin, most };
+        match enclosing(&part.exact, margin) {
+            Some((corners, gap)) => {
+                farthest = farthest.max(gap + margin.skin);
+                corners
+            }
+            // Flat: the skin makes it a plate.
+            None => {
+                let thick = margin.skin as f32;
+                let around = |p: &Vector| Vector::AXES.map(|axis| [*p + axis * thick, *p - axis * thick]);
+                let plate: Vec<Vector> = part.exact.iter().flat_map(around).flatten().collect();
+                enclosing(&plate, margin).map_or(part.coarse, |(corners, _)| corners)
+            }
         }
     };
     let parts: Vec<Vec<Vector>> = best.into_iter().map(&mut enclosed).collect();
