@@ -5,8 +5,8 @@
 //! [`trial`]: releases. Joints, clusters and breaking at run time are in [`crate::sim::glue`]; the solver is
 //! [`cairn_statics::glue`].
 
-pub mod policy;
 mod natural;
+pub mod policy;
 mod search;
 mod sites;
 mod trial;

@@ -19,12 +19,7 @@ pub struct Natural {
 
 impl Natural {
     /// `all`: the trial runs to its end, also where the pile falls.
-    pub fn run(
-        world: &World,
-        trials: &mut Trials,
-        all: bool,
-        observer: &mut dyn Observer,
-    ) -> Result<Natural, Error> {
+    pub fn run(world: &World, trials: &mut Trials, all: bool, observer: &mut dyn Observer) -> Result<Natural, Error> {
         let heaps = heaps(world);
         let present: BTreeSet<BodyId> = world.present().map(|id| heaps[id]).collect();
         // Where one heap falls, others may stand.
@@ -35,9 +30,8 @@ impl Natural {
     /// Bodies of the heaps in which none has moved.
     pub fn standing(&self, world: &World) -> BTreeSet<BodyId> {
         let Some(poses) = &self.trial.poses else { return BTreeSet::new() };
-        let has_moved = |&id: &BodyId| {
-            poses[id].is_none_or(|pose| pose.translation.distance(world.pose(id).translation) > SAGS)
-        };
+        let has_moved =
+            |&id: &BodyId| poses[id].is_none_or(|pose| pose.translation.distance(world.pose(id).translation) > SAGS);
         let falling: BTreeSet<BodyId> = world.present().filter(has_moved).map(|id| self.heaps[id]).collect();
         world.present().filter(|&id| !falling.contains(&self.heaps[id])).collect()
     }

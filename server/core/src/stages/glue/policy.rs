@@ -84,10 +84,10 @@ pub const IN_PLACES: f64 = 0.1;
 /// attempts at a standing man of 1,023 bananas sag by 0.054 to 0.065.
 pub const SAGS: f64 = 0.06;
 /// Steps between two looks at the pile.
-pub const LOOK: u64 = 25;
+pub const LOOK: u64 = 12;
 /// The trial ends once this many looks in a row predict, at the pace of each, that the pile stands at the end of the
 /// time, or that no body gets farther than [`STILL`] in the rest of it.
-pub const STILL_LOOKS: u32 = 3;
+pub const STILL_LOOKS: u32 = 5;
 /// See [`STILL_LOOKS`]; d. Far less than [`MOVED`].
 pub const STILL: f64 = 0.02;
 /// A trial ends, too, once two looks find the pile to fail, or to sag by more than this factor beyond [`SAGS`].

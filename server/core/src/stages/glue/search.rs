@@ -157,7 +157,9 @@ impl<'p, 'a> Search<'p, 'a> {
                 placement
             }
         };
-        placement.joints.iter().for_each(|joint| drop(attempt.more.remove(&joint.site)));
+        placement.joints.iter().for_each(|joint| {
+            attempt.more.remove(&joint.site);
+        });
         let sites = &attempt.sites;
         let gaps = || placement.joints.iter().map(|joint| sites.gaps[joint.site]).filter(|gap| *gap > 0.0);
         let glued = Glued {

@@ -43,12 +43,7 @@ pub struct Sites {
 impl Sites {
     /// `region`: the glue acts inside it; `None`: everywhere. `anchors`: bodies may be glued to the fixed surroundings.
     /// `standing`: bodies that need no glue, and that touch none that does.
-    pub fn new(
-        world: &World,
-        region: Option<&DistanceGrid>,
-        anchors: bool,
-        standing: &BTreeSet<BodyId>,
-    ) -> Sites {
+    pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool, standing: &BTreeSet<BodyId>) -> Sites {
         let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && !standing.contains(&id) && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
