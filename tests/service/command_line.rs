@@ -382,7 +382,7 @@ fn a_result_without_room_is_not_baked() {
     command.args(scene).args(["--server", &server.addresses[0], "--set", "physics.step_natural=0.000001"]);
     let done = command.current_dir(server.folder()).env("FAILPOINTS", "output-room=return(ENOSPC)").output().unwrap();
     let errors = String::from_utf8(done.stderr).unwrap();
-    assert!(done.status.code() == Some(65) && errors.contains("MiB will be written"), "{errors}");
+    assert!(done.status.code() == Some(65) && errors.contains("MiB are expected"), "{errors}");
     let listed = cairn(server.folder(), &format!("bakes list --json --server {}", server.addresses[0]));
     let listed: Vec<serde_json::Value> = serde_json::from_slice(&listed.stdout).unwrap();
     assert_eq!(listed[0]["state"], "cancelled");

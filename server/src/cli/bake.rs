@@ -113,7 +113,14 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     let name = args.output.display().to_string();
     let done = job.run_and_deliver(format, &name, &mut args.cache.open(), &mut reporter, &mut write);
     reporter.finish(done.is_ok());
-    let is_written = written.transpose()?.is_some();
+    let is_kept = || args.cache.open().bake(&job.scene, &job.params).is_some();
+    let is_written = written.transpose().map_err(|failure: Failure| match failure {
+        Failure::TryAgain(problem) if is_kept() => {
+            Failure::TryAgain(problem.and("The cache keeps the pile until then."))
+        }
+        failure => failure,
+    })?;
+    let is_written = is_written.is_some();
     if is_written && matches!(done, Err(JobError::Bake(cairn_core::Error::Cancelled))) {
         print_error(&format!("cancelled; {name} is complete, but its measures were not taken"));
         return Err(Failure::Reported(interrupt::code()));

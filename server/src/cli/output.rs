@@ -80,8 +80,8 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that a result of this size at most, or results of this size together, in bytes, has room where it will be
-/// written.
+/// Checks that a result of this expected size at most, or results of this size together, in bytes, has room where it
+/// will be written. A larger one that has none is not lost: the cache keeps the bake.
 pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
     let Destination::File(target) = Destination::to(path) else { return Ok(()) };
     let folder = files::folder_of(&target);
@@ -93,7 +93,7 @@ pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
         Some(free) if free < most => {
             let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             let what = format!(
-                "up to {} MiB will be written, but the disk of {} has {} MiB left",
+                "up to {} MiB are expected, but the disk of {} has {} MiB left",
                 mib(most),
                 folder.display(),
                 mib(free)
