@@ -72,7 +72,6 @@ pub enum Count {
     Shaken,
     ShapesMeasured,
     SpeculativeBodySteps,
-    StandSteps,
     Steps,
     StepsRecalled,
     StepsWithFrictionPerPoint,
@@ -84,6 +83,7 @@ pub enum Count {
     VerdictsUndecided,
     VerdictsUnstable,
     WallTrianglesSaved,
+    WithdrawalSteps,
 }
 
 impl Count {
