@@ -177,13 +177,10 @@ impl<'a> Simulation<'a> {
 
     fn break_overloaded(&mut self) {
         let Pile { world, policy, control, glue, motion, .. } = &mut self.pile;
-        for id in control.break_overloaded(world, policy) {
-            motion.expect_fall(id);
-        }
-        for id in glue.break_overloaded(world, policy) {
-            motion.expect_fall(id);
-            control.release(id);
-        }
+        let let_go = control.break_overloaded(world, policy);
+        let unglued = glue.break_overloaded(world, policy);
+        unglued.iter().for_each(|&id| control.release(id));
+        motion.expect_falls(let_go.into_iter().chain(unglued));
     }
 
     fn record(&mut self, observer: &mut dyn Observer, stage: Stage) {
