@@ -269,6 +269,23 @@ fn pictures_are_sent_and_missing_ones_reported() {
     let read = |name: &str| std::fs::read(server.path(name)).unwrap();
     assert!(read("near.glb") == read("far.glb") && read("far.glb").windows(PNG.len()).any(|part| part == PNG));
 
+    // In USD, pictures are files beside the result: the same ones from near and far.
+    for folder in ["usd-near", "usd-far"] {
+        std::fs::create_dir(server.path(folder)).unwrap();
+    }
+    for arguments in ["-o usd-near/a.usdc".to_owned(), format!("-o usd-far/a.usdc --server {far}")] {
+        let (code, printed) = run(&arguments);
+        assert_eq!(code, 0, "{printed}");
+    }
+    let all = |folder: &str| -> Vec<(String, Vec<u8>)> {
+        let textures = server.path(folder).join("textures");
+        let names = std::fs::read_dir(textures).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let names = names.map(|name| format!("{folder}/textures/{name}")).chain([format!("{folder}/a.usdc")]);
+        names.map(|name| (name[folder.len()..].to_owned(), read(&name))).collect()
+    };
+    assert_eq!(all("usd-far").len(), 2);
+    assert!(all("usd-near") == all("usd-far"));
+
     for (case, uri, words) in [
         ("when the picture is sent", "../textures/Red.png", ""),
         ("when the picture is far", "https://example.org/red.png", ""),
@@ -295,7 +312,7 @@ fn pictures_are_sent_and_missing_ones_reported() {
     assert!(printed.contains("note: kit/gltf/a.gltf: node 0: its skin is not applied"), "{printed}");
 }
 
-/// The bakes of a server from the command line; a result never has the name of another format.
+/// The bakes of a server from the command line; a result has the format of its name.
 #[test]
 fn bakes_are_listed_shown_awaited_and_deleted() {
     let server = Server::start(&[]);
@@ -328,9 +345,13 @@ fn bakes_are_listed_shown_awaited_and_deleted() {
     assert!(ok(&format!("bakes wait {start}")).contains("succeeded"));
     ok(&format!("watch {start} -o w.glb"));
     assert!(std::fs::read(server.path("w.glb")).unwrap() == std::fs::read(server.path("b.glb")).unwrap());
-    for name in ["w.usdz", "w.txt", "w"] {
+    ok(&format!("watch {start} -o w.usdz --report w.json"));
+    assert!(std::fs::read(server.path("w.usdz")).unwrap().starts_with(b"PK"));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(server.path("w.json")).unwrap()).unwrap();
+    assert_eq!(report["output"], "result.usdz");
+    for name in ["w.txt", "w"] {
         let (code, _, errors) = run(&format!("watch {start} -o {name}"));
-        assert!(code == 65 && errors.contains("the bake has a .glb, which must not have this name"), "{errors}");
+        assert!(code == 2 && errors.contains("the format is unknown"), "{errors}");
         assert!(!server.path(name).exists());
     }
     ok(&format!("bakes delete {start}"));

@@ -63,6 +63,7 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
+use prepare::surroundings::Surroundings;
 use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
@@ -172,6 +173,8 @@ pub fn fill_container(
     observer: &mut dyn Observer,
 ) -> Result<FullContainer, Error> {
     let mut checked = check::run(scene, params).map_err(Error::Invalid)?;
+    // The container has them from here on.
+    let surroundings = checked.surroundings.take();
     let mut clock = Clock::new(observer);
 
     let inputs = FillInputs::new(scene, params, &checked, observer.wants_frames());
@@ -184,7 +187,7 @@ pub fn fill_container(
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let units = units.about(scene.middle());
-    let container = container(scene, params, &mut checked, &resolved, &units);
+    let container = container(scene, params, &checked, surroundings, &resolved, &units);
     let target = checked.target().filter(|_| container.is_none());
     let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
@@ -218,7 +221,8 @@ pub fn fill_container(
 fn container(
     scene: &Scene,
     params: &Params,
-    checked: &mut CheckedScene,
+    checked: &CheckedScene,
+    surroundings: Option<Surroundings>,
     resolved: &Resolved,
     units: &Units,
 ) -> Option<Container> {
@@ -230,7 +234,7 @@ fn container(
         Some(core) => container.around(core, units),
         None => container,
     };
-    Some(match checked.surroundings.take() {
+    Some(match surroundings {
         Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
         None => container,
     })

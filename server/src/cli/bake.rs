@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => export::check_destination(&args.output)?,
     };
     if !format.is_single_file() {
-        output::check_sidecars(&args.output, args.server.is_some())?;
+        output::check_sidecars(&args.output)?;
     }
     if args.progress.mode == Mode::Openjd && output::is_stdout(&args.output) {
         let what = "progress is also written to the standard output";
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let files = remote::Files::read(&tree)?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
-        let delivery = Delivery { output, report, progress: &args.progress };
+        let delivery = Delivery { output, format: Some(format), report, progress: &args.progress };
         return remote::bake(&args.connection.at(server)?, scene, files, format, &args.queue, &delivery);
     }
     args.bounds.enforce(|| bake(args, &tree, format))

@@ -48,6 +48,12 @@ impl Job {
         self.run_and_deliver(format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
     }
 
+    /// The result of a finished bake in a format.
+    pub fn encode(&self, format: Format, bake: &Bake) -> Result<Encoded, ExportError> {
+        let origin = request::origin(&self.request(format), report::result_hash(&bake.pile));
+        export::encode(format, &bake.pile, &self.export_scene(&origin, Some(&bake.report.measures)))
+    }
+
     /// Like [`Job::run`]. `deliver` gets the result as soon as it exists: before the measures, unless the format holds
     /// them. After its `Break` the job is cancelled, but the cache keeps the bake.
     pub fn run_and_deliver(
