@@ -73,7 +73,7 @@ fn a_pile_that_cannot_be_written_is_not_lost() {
     // The first is written before its figures, the second after them.
     for output in ["pile.json", "pile.usdz"] {
         let run = |faults: &str| {
-            let line = format!("bake {SCENE} --report report.json -o {output}");
+            let line = format!("bake {SCENE} --progress none --report report.json -o {output}");
             let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
             let cache = desk.path(&format!("cache of {output}"));
             Done::of(

@@ -272,7 +272,7 @@ fn add_texts(mut at: Cursor, wanted: Wanted, found: &mut Vec<String>) {
             });
             let below = match wanted {
                 // A comment.
-                _ if word == "#" && first == "doc" => None,
+                _ if word.starts_with('#') && first == "doc" => None,
                 Wanted::Program if is_test && is_body || is_silent(&word) => None,
                 Wanted::Tests if is_test && is_body => Some(Wanted::All),
                 Wanted::Test(name) if is_test && is_body && name == function => Some(Wanted::All),

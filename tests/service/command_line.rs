@@ -1,4 +1,4 @@
-//! The program as a client of the server.
+//! The program as a client of the server. Long: its commands share scenes and servers.
 
 use crate::server::{
     PROGRAM, Server, accepted_id, asset, begin, content, endless, events, request, sha256, short, status, until,
@@ -185,6 +185,7 @@ async fn a_changed_result_is_not_written() {
             let hash = if name == "result.glb" { &mut summary.result_sha256 } else { &mut summary.report_sha256 };
             *hash = sha256(&bytes);
             std::fs::write(path, status.encode_to_vec()).unwrap();
+            std::fs::remove_file(folder.join("result.glb.head")).unwrap();
         }
         let line = format!("watch {id} -o again.glb --report again.json --server {}", server.addresses[0]);
         let done = cairn(server.folder(), &line);

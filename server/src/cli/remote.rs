@@ -367,6 +367,10 @@ impl<'a> BakeFollower<'a> {
         self.reporter.finish(ended.is_ok());
         let id = ended?;
         let Delivery { output, format, report, progress } = *self.delivery;
+        // What was made with the bake must be what its events describe.
+        let own = server.status(&id).await?.format();
+        let is_own = format.is_none_or(|format| own == format.wire());
+        let described = self.summary.as_ref().filter(|_| is_own);
         let request = |artifact: Artifact, file: &str| DownloadResultRequest {
             bake_id: id.clone(),
             artifact: artifact.into(),
@@ -375,7 +379,8 @@ impl<'a> BakeFollower<'a> {
         };
         let report = match report {
             Some(path) => {
-                let text = verified(server.download_file(&request(Artifact::Report, "")).await?)?.bytes;
+                let text = server.download_file(&request(Artifact::Report, "")).await?;
+                let text = verified(text, described.map(|summary| &*summary.report_sha256))?.bytes;
                 Some((path, String::from_utf8_lossy(&text).into_owned()))
             }
             None => None,
@@ -383,16 +388,17 @@ impl<'a> BakeFollower<'a> {
         let mut notes = Vec::new();
         match (output, report) {
             (Some(output), report) => {
-                let Downloaded { bytes, first } =
-                    verified(server.download_file(&request(Artifact::Result, "")).await?)?;
+                let result = server.download_file(&request(Artifact::Result, "")).await?;
                 // An older server gives its own format, whatever is asked.
-                if let Some(format) = format.filter(|_| first.sha256.is_empty()) {
-                    check_format(output, format, server.status(&id).await?.format())?;
+                if let Some(format) = format.filter(|_| result.first.sha256.is_empty()) {
+                    check_format(output, format, own)?;
                 }
+                let Downloaded { bytes, first } = verified(result, described.map(|summary| &*summary.result_sha256))?;
                 let mut sidecars = BTreeMap::new();
                 for file in first.files {
                     check_name(&file.name)?;
-                    let content = verified(server.download_file(&request(Artifact::Result, &file.name)).await?)?;
+                    let content = server.download_file(&request(Artifact::Result, &file.name)).await?;
+                    let content = verified(content, Some(&file.sha256))?;
                     sidecars.insert(file.name, content.bytes);
                 }
                 notes = first.notes;
@@ -415,10 +421,11 @@ impl<'a> BakeFollower<'a> {
     }
 }
 
-/// A downloaded file that is as the server has it.
-fn verified(file: Downloaded) -> Result<Downloaded, Failure> {
-    let sha256 = &file.first.sha256;
-    if sha256.is_empty() || hex(&Sha256::digest(&file.bytes)) == *sha256 {
+/// A downloaded file that is as the server has it, and as it was described before.
+fn verified(file: Downloaded, described: Option<&str>) -> Result<Downloaded, Failure> {
+    let own = hex(&Sha256::digest(&file.bytes));
+    let stated = [&*file.first.sha256].into_iter().filter(|sha256| !sha256.is_empty()).chain(described);
+    if stated.into_iter().all(|sha256| own == sha256) {
         return Ok(file);
     }
     let remedy = "Run the command again; if it happens again, check the server's disk and network.";
