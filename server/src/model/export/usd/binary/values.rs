@@ -101,7 +101,7 @@ impl ValueCheck<'_> {
         if !is_compressed {
             return Some(());
         }
-        // Behind the number is the size of the compressed block; of floats, their form is before it, and a table may be.
+        // Behind the number is the size of the compressed block; of floats, their form and perhaps a table come first.
         let at = place.checked_add(8)?;
         let block = match (kind, self.bytes.get(at)?) {
             (7..=9, b't') => {
