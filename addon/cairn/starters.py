@@ -40,12 +40,22 @@ def set_heap(settings, kind):
     _, lie.order, lie.surface, lie.shake, settings.kept_shape = HEAPS[kind]
 
 
-class CAIRN_OT_prop_preset(Operator):
+class _Preset:
+    """Sets what a preset of its kind sets."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        self.set(context.scene.cairn, self.kind)
+        return {"FINISHED"}
+
+
+class CAIRN_OT_prop_preset(_Preset, Operator):
     """Set density, friction and bounce of the props to those of a material"""
 
     bl_idname = "cairn.prop_preset"
     bl_label = "Prop Preset"
-    bl_options = {"REGISTER", "UNDO"}
+    set = staticmethod(lambda settings, kind: set_prop(item_of(settings), kind))
 
     kind: EnumProperty(
         name="Material",
@@ -57,27 +67,19 @@ class CAIRN_OT_prop_preset(Operator):
     def poll(cls, context):
         return item_of(context.scene.cairn) is not None
 
-    def execute(self, context):
-        set_prop(item_of(context.scene.cairn), self.kind)
-        return {"FINISHED"}
 
-
-class CAIRN_OT_heap_preset(Operator):
+class CAIRN_OT_heap_preset(_Preset, Operator):
     """Set how props lie and what supports the shape to a style of heap"""
 
     bl_idname = "cairn.heap_preset"
     bl_label = "Heap Preset"
-    bl_options = {"REGISTER", "UNDO"}
+    set = staticmethod(set_heap)
 
     kind: EnumProperty(
         name="Style",
         description="Style of the heap",
         items=[(key, title, "") for key, (title, *_) in HEAPS.items()],
     )
-
-    def execute(self, context):
-        set_heap(context.scene.cairn, self.kind)
-        return {"FINISHED"}
 
 
 class _Presets:

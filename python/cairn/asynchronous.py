@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import tempfile
 from collections.abc import AsyncIterator, Mapping, Sequence
 from dataclasses import replace
@@ -20,8 +21,10 @@ from .wire.messages import v1
 from .wire.recording import Motion, Recording, Snapshot
 
 Event = Accepted | Progress | Snapshot | Summary
-# Formats by name, from the schema. Those that the service does not offer are refused by the server.
+# Formats by name, from the schema.
 FORMATS = {name.removeprefix("OUTPUT_FORMAT_").lower(): number for name, number in v1.OutputFormat.items() if number}
+# A name of a file beside a result.
+PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*")
 
 
 class AsyncClient:
@@ -79,7 +82,7 @@ class AsyncClient:
     ) -> AsyncBake:
         """Requests a bake, which begins when the first event is read.
 
-        `has_fill`: whether the fill's frames are sent, too. `format`: of the result’s file: glb, usdz, json or csv.
+        `has_fill`: whether the fill's frames are sent, too. `format`: of the result’s file: glb, usdz, ...
         `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators.
         """
         if format not in FORMATS:
@@ -91,7 +94,7 @@ class AsyncClient:
         target = _routed(self._target, request)
         asked = {"labels": dict(labels or {}), "priority": priority}
         events = client.bake(_reach(target), spec, request.contents, has_fill=has_fill, **asked)
-        return AsyncBake(target, events)
+        return AsyncBake(target, events, format_number=spec.format)
 
     def watch(self, bake_id: str, *, has_fill: bool = False) -> AsyncBake:
         """An earlier bake, from its first event on."""
@@ -146,8 +149,8 @@ class AsyncBake:
     bodies at a frame). A broken stream is resumed where it ended.
     """
 
-    def __init__(self, target: Target, events: Any, bake_id: str = "") -> None:
-        self._target, self._events = target, events
+    def __init__(self, target: Target, events: Any, bake_id: str = "", format_number: int = 0) -> None:
+        self._target, self._events, self._format = target, events, format_number
         self._recording = Recording()
         # The bake's id; empty before it is accepted.
         self.id = bake_id
@@ -192,11 +195,23 @@ class AsyncBake:
         return motion
 
     async def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the result's file, in the requested format, complete or not at all."""
+        """Writes the result's file, complete or not at all, in the format of its name, otherwise in the requested one.
+
+        The pictures of a .usda or .usdc are written into `textures` beside it.
+        """
         await self.result()
+        path = Path(path)
+        wanted = FORMATS.get(path.suffix[1:].lower(), self._format)
         async with Connection(self._target) as server:
-            content = await server.download(self.id)
-        _write(Path(path), content)
+            content, first = await server.download_file(self.id, format=wanted)
+            for file in first.files:
+                folder, _, name = file.name.partition("/")
+                if folder != "textures" or not PLAIN.fullmatch(name):
+                    raise Fault(f"The result names a file by “{file.name}”, which leads elsewhere.")
+                beside = path.parent / folder / name
+                beside.parent.mkdir(exist_ok=True)
+                _write(beside, await server.download(self.id, format=wanted, file=file.name))
+        _write(path, content)
 
     async def report(self) -> dict[str, Any]:
         """The report, as `cairn bake --report` writes it."""

@@ -150,7 +150,10 @@ class Bake:
         return _wait(self._bake.result())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the result's file, in the requested format, complete or not at all."""
+        """Writes the result's file, complete or not at all, in the format of its name, otherwise in the requested one.
+
+        The pictures of a .usda or .usdc are written into `textures` beside it.
+        """
         _wait(self._bake.save(path))
 
     def report(self) -> dict[str, Any]:

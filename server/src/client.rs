@@ -3,8 +3,9 @@
 use crate::wire::proto::pile_service_client::PileServiceClient;
 use crate::wire::proto::{
     Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, BakeStatus, CancelBakeRequest, DeleteBakeRequest,
-    DownloadResultRequest, FrameSelection, GetBakeRequest, GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest,
-    PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
+    DownloadResultRequest, DownloadResultResponse, FrameSelection, GetBakeRequest, GetServerInfoRequest,
+    HaveAssetsRequest, ListBakesRequest, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, WatchBakeRequest,
+    bake_event::Kind,
 };
 use crate::wire::versions::PROTOCOL;
 use bytes::Bytes;
@@ -98,6 +99,13 @@ impl Attempts {
 /// Whether a server refuses new work, or stops a bake, because it shuts down: another one takes over.
 fn is_shutting_down(status: &Status) -> bool {
     status.get_error_details().error_info().is_some_and(|info| info.reason == "SHUTTING_DOWN")
+}
+
+/// A downloaded file.
+pub struct Downloaded {
+    pub bytes: Vec<u8>,
+    /// The first message, which describes it.
+    pub first: DownloadResultResponse,
 }
 
 impl Connection {
@@ -264,29 +272,34 @@ impl Connection {
         Ok(())
     }
 
-    /// A file of a finished bake. A broken transfer is repeated.
+    /// A file of a finished bake, as it was made with the bake.
     pub async fn download(&mut self, id: &str, artifact: Artifact) -> Result<Vec<u8>, Status> {
+        let request = DownloadResultRequest { bake_id: id.to_owned(), artifact: artifact.into(), ..Default::default() };
+        Ok(self.download_file(&request).await?.bytes)
+    }
+
+    /// A file of a finished bake. A broken transfer is repeated.
+    pub async fn download_file(&mut self, request: &DownloadResultRequest) -> Result<Downloaded, Status> {
         let mut attempts = Attempts::default();
         loop {
-            match self.download_once(id, artifact).await {
+            match self.download_once(request.clone()).await {
                 Ok(file) => return Ok(file),
                 Err(error) => attempts.again(error).await?,
             }
         }
     }
 
-    async fn download_once(&mut self, id: &str, artifact: Artifact) -> Result<Vec<u8>, Status> {
-        let request = DownloadResultRequest { bake_id: id.to_owned(), artifact: artifact.into() };
+    async fn download_once(&mut self, request: DownloadResultRequest) -> Result<Downloaded, Status> {
         let mut parts = self.service.download_result(request).await?.into_inner();
-        let (mut file, mut announced) = (Vec::new(), None);
+        let (mut bytes, mut first) = (Vec::new(), None);
         while let Some(part) = parts.message().await? {
-            announced.get_or_insert(part.size_bytes);
-            file.extend_from_slice(&part.chunk);
+            bytes.extend_from_slice(&part.chunk);
+            first.get_or_insert(part);
         }
-        if announced != Some(crate::wire::to_proto::signed(file.len())) {
-            return Err(Status::unavailable("the transfer of a file ended early"));
+        match first {
+            Some(first) if Ok(bytes.len()) == usize::try_from(first.size_bytes) => Ok(Downloaded { bytes, first }),
+            _ => Err(Status::unavailable("the transfer of a file ended early")),
         }
-        Ok(file)
     }
 }
 

@@ -51,6 +51,12 @@ impl Problem {
         self
     }
 
+    /// With a further sentence after the remedy.
+    pub fn and(mut self, sentence: &str) -> Problem {
+        self.remedy = format!("{} {sentence}", self.remedy);
+        self
+    }
+
     pub fn of_cause(mut self, cause: Cause) -> Problem {
         self.cause = cause;
         self

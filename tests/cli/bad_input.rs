@@ -201,3 +201,55 @@ fn a_mistyped_setting_of_the_server() {
     desk.write("server.toml", "worker = 2\n");
     desk.line("serve --config server.toml").fails(78, &["server.toml", "Did you mean `workers`?"]);
 }
+
+/// A file of another format is named by what it is.
+#[test]
+fn files_of_other_formats_are_recognized() {
+    let desk = Desk::new();
+    let stl = [&[7; 80][..], &1_u32.to_le_bytes(), &[0; 50]].concat();
+    for (begin, words) in [
+        (&b"\x89PNG\r\n"[..], "it looks like a PNG picture"),
+        (b"RIFF1234WEBP", "a RIFF file (WebP, WAV or AVI)"),
+        (b"BLENDER-v300", "a Blender file"),
+        (b"Kaydara FBX Binary  ", "an FBX file"),
+        (b"#usda 1.0\n", "a USD file"),
+        (b"MM\x00\x2a", "a 3D Studio or TIFF file"),
+        (b"PK\x03\x04....", "a zip archive (perhaps .zip, .usdz or .3mf): unpack it first"),
+        (b"\x1f\x8b\x08", "a gzip archive or an old compressed Blender file: unpack it first"),
+        (b"\x28\xb5\x2f\xfd", "a Zstandard archive or a compressed Blender file"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "a Git LFS pointer: fetch the real file with `git lfs pull`"),
+        (b"<!DOCTYPE html>", "a web page: the download gave a page instead of the file"),
+        (b"<?xml version=\"1.0\"?>", "an XML file (perhaps COLLADA)"),
+        (b"# cube\nv 0 0 0\n", "a Wavefront OBJ file"),
+        (&stl[..], "a binary STL file"),
+        (&[0; 64], "a file of zeros, as a broken copy leaves it"),
+        (b"hello", "some other text"),
+        (&[1, 2, 3, 255], "some other binary file"),
+        (b"glTF\x02\0\0", "it ends after 7 bytes, within the header"),
+        (b"glTF\x02\0\0\0\x10\0\0\0....", "it ends within the header of a chunk, at byte 12"),
+    ] {
+        desk.write("other.glb", begin);
+        desk.line("check --control cone.glb --prop other.glb").fails(65, &["other.glb", words]);
+    }
+}
+
+/// A URI that leads to no file of its glTF file says why.
+#[test]
+fn uris_that_lead_nowhere_say_why() {
+    let desk = Desk::new();
+    for (uri, words) in [
+        ("data:;base64", "there is no comma before the data"),
+        ("data:,%0g", "a % is not followed by two hexadecimal digits"),
+        ("%2e%2e/brick.bin", "it hides a dot, slash, backslash or colon by %-encoding"),
+        ("%ff.bin", "its %-encoding is not UTF-8"),
+        ("a\u{7}.bin", "it contains control characters"),
+        ("~/brick.bin", "it starts in a home folder, and only files beside the glTF are read"),
+        ("https://example.org/brick.bin", "it names a scheme or a stream, and only files are read"),
+        ("../brick.bin", "it leads out of the glTF's folder"),
+    ] {
+        let mut document = box_json();
+        document["buffers"][0]["uri"] = json!(uri);
+        desk.write("brick.gltf", document.to_string());
+        desk.line("check --control cone.glb --prop brick.gltf").fails(65, &["brick.gltf", words]);
+    }
+}

@@ -66,6 +66,38 @@ fn a_result_does_not_wait_for_its_figures() {
     assert!(!desk.path("report.json").exists());
 }
 
+/// A disk may be full after all: the pile is kept in the cache, and the same command takes it from there.
+#[test]
+fn a_pile_that_cannot_be_written_is_not_lost() {
+    let desk = Desk::new();
+    // The first is written before its figures, the second after them.
+    for output in ["pile.json", "pile.usdz"] {
+        let run = |faults: &str| {
+            let line = format!("bake {SCENE} --progress none --report report.json -o {output}");
+            let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
+            let cache = desk.path(&format!("cache of {output}"));
+            Done::of(
+                command
+                    .env_remove("CAIRN_NO_CACHE")
+                    .env("CAIRN_CACHE", cache)
+                    .env("FAILPOINTS", faults)
+                    .output()
+                    .unwrap(),
+            )
+        };
+        let kept = "Make room on the disk, and run the command again. The cache keeps the pile until then.";
+        run("files-write=return(ENOSPC)").fails(75, &[output, "No space", kept]);
+        assert!(!desk.path(output).exists() && !desk.path("report.json").exists());
+        let done = run("");
+        assert!(done.code == 0 && done.stderr.contains("comes from the cache"), "{output}: {}", done.stderr);
+        // A cache that is full, too, promises nothing.
+        std::fs::remove_dir_all(desk.path(&format!("cache of {output}"))).unwrap();
+        std::fs::remove_file(desk.path("report.json")).unwrap();
+        let lost = run("files-write=return(ENOSPC);cache-write=return(ENOSPC)");
+        assert!(lost.code == 75 && !lost.stderr.contains("The cache keeps"), "{}", lost.stderr);
+    }
+}
+
 /// Output to a stream cannot be undone, but the fault is reported, and the report does not appear.
 #[test]
 fn streams() {

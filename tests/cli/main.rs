@@ -14,6 +14,7 @@ mod models;
 mod outputs;
 mod readme;
 mod scenes;
+mod shop;
 mod study;
 mod tools;
 mod usd;

@@ -42,12 +42,12 @@ fn disks_without_room_are_known_before_the_bake() {
         (
             "output-room=return(ENOSPC)",
             "bake -o pile.glb",
-            &["pile.glb: up to 1 MiB will be written", "0 MiB left", "Make room there"][..],
+            &["pile.glb: up to 1 MiB are expected", "0 MiB left", "Make room there"][..],
         ),
         (
             "output-room=return(ENOSPC)",
             "batch --seeds 0..19 -o {seed}.glb",
-            &["0.glb: up to ", " MiB will be written", "0 MiB left", "Make room there"],
+            &["0.glb: up to ", " MiB are expected", "0 MiB left", "Make room there"],
         ),
         (
             "output-folder=return(EROFS)",

@@ -47,7 +47,6 @@ fn pictures_need_a_folder_beside_the_result() {
     let desk = Desk::new();
     let before = desk.files();
     desk.line(&format!("bake {SCENE} -o - --format usdc")).fails(2, &["files beside it", "--format usdz"]);
-    desk.line(&format!("bake {SCENE} -o pile.usda --server 127.0.0.1:1")).fails(2, &["one file", ".usdz"]);
     assert_eq!(desk.files(), before);
     desk.write("textures", "");
     desk.line(&format!("bake {SCENE} -o pile.usda")).fails(2, &["textures", "not a folder"]);
@@ -64,6 +63,19 @@ fn a_batch_shares_its_pictures_and_knows_what_is_finished() {
     desk.line(&batch).ok();
     let names = |folder: &str| desk.path(folder).read_dir().unwrap().count();
     assert_eq!((names("out"), names("out/textures")), (5, 1), "two results, their reports, a folder");
+    // They are ranked, and shown with their pictures.
+    let ranking = desk.line("rank out --json --by bodies").ok();
+    let ranking: Vec<serde_json::Value> = serde_json::from_str(&ranking).unwrap();
+    assert!(ranking.len() == 2 && ranking[0]["result"] == "out/1.usdc", "{ranking:?}");
+    let sheet = std::fs::read_to_string(desk.path("out/contact-sheet.html")).unwrap();
+    assert!(sheet.len() > 10_000);
+    for name in ["contact-sheet.html", "contact-sheet.png"] {
+        std::fs::remove_file(desk.path("out").join(name)).unwrap();
+    }
+    let done = desk.line("render out/1.usdc -o pile.png --size 80x60 --samples 1");
+    assert!(done.code == 0 && done.stderr.is_empty(), "{}", done.stderr);
+    desk.write("text.usda", "#usda 1.0\n");
+    desk.line("render text.usda -o text.png").fails(65, &["text.usda: it shows no meshes"]);
     let before = desk.path("out/1.usdc").metadata().unwrap().modified().unwrap();
     desk.line(&batch).ok();
     assert_eq!(desk.path("out/1.usdc").metadata().unwrap().modified().unwrap(), before, "nothing is baked twice");

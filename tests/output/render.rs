@@ -111,8 +111,17 @@ fn broken_files_are_refused() {
     for bytes in [&b""[..], b"glTF", b"{}", b"[1]"] {
         assert!(picture(bytes, SMALL).is_err());
     }
-    for settings in [Settings { size: [0, 9], ..SMALL }, Settings { samples: 0, ..SMALL }] {
-        assert!(matches!(picture(&kit(), settings), Err(RenderError::Settings(_))));
+    let size = "a picture is 1 to 16384 pixels wide and high and has at least 1 sample";
+    let angles = "the camera's angles must be numbers";
+    for (settings, words) in [
+        (Settings { size: [0, 9], ..SMALL }, size),
+        (Settings { size: [9, 16385], ..SMALL }, size),
+        (Settings { samples: 0, ..SMALL }, size),
+        (Settings { azimuth: f64::NAN, ..SMALL }, angles),
+        (Settings { elevation: f64::INFINITY, ..SMALL }, angles),
+    ] {
+        let refused = picture(&kit(), settings);
+        assert!(matches!(refused, Err(RenderError::Settings(said)) if said == words), "{settings:?}");
     }
 }
 

@@ -2,9 +2,12 @@
 
 use crate::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
-use cairn::model::export::{ExportScene, SourceModel, encode, origin, write};
+use cairn::model::export::{ExportScene, SourceModel, as_gltf, encode, origin, write};
+use cairn::model::render::{Moment, RenderModel, Settings, render};
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
+use glam::DVec3;
+use image::RgbImage;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
@@ -149,6 +152,7 @@ fn damaged_files_tell_nothing_and_break_nothing() {
         let whole = files::encode(format, &pile, &scene).unwrap();
         for cut in (0..whole.len()).step_by(97) {
             origin(&whole[..cut]);
+            let _ = as_gltf(&whole[..cut], &no_files);
         }
         // A crate's tables are at its end.
         let tables = whole.len() - whole.len().min(4000);
@@ -156,8 +160,91 @@ fn damaged_files_tell_nothing_and_break_nothing() {
             let mut damaged = whole.clone();
             damaged[at] ^= 0xff;
             origin(&damaged);
+            let _ = as_gltf(&damaged, &no_files);
         }
     }
+}
+
+/// A stage that is read back shows what the `.glb` shows, at any moment.
+#[test]
+fn stages_show_what_a_glb_shows() {
+    let (cube, kit) = (textured_cube(), kit());
+    let stated = json!({ "scene": {}, "assets": [], "versions": {}, "request_blake3": "1", "result_blake3": "2" });
+    let scene = ExportScene {
+        props: vec![prop("cube.glb", &cube), prop("kit.gltf", &kit)],
+        scenery: vec![prop("door.glb", &cube)],
+        origin: Some(&stated),
+        ..Default::default()
+    };
+    let mut pile = pile_of(&[(0, 1.0), (1, 0.3), (0, 0.5), (1, 0.2)], tumbling(4, 6));
+    pile.bodies[2].first_frame = 3;
+    pile.scenery = vec![tumbling(1, 6).into_iter().map(|poses| poses[0]).collect()];
+    pile.pivots[0] = DVec3::new(0.3, 0.0, 0.0);
+    let pictures = |format| -> Vec<RgbImage> {
+        let encoded = encode(format, &pile, &scene).unwrap();
+        let beside = |name: &str| encoded.sidecars.get(name).cloned().ok_or_else(|| format!("there is no {name}"));
+        let bytes = as_gltf(&encoded.bytes, &beside).unwrap_or_else(|what| panic!("{format:?}: {what}"));
+        let file = RenderModel { name: "pile", bytes: &bytes, resolve: &no_files };
+        let moments = [Moment::Frame(0), Moment::Frame(2), Moment::Frame(4), Moment::Seconds(0.07), Moment::End];
+        let settings = |moment| Settings { moment, size: [120, 90], samples: 16, ..Settings::default() };
+        moments.map(|moment| render(&file, None, &settings(moment)).unwrap()).into()
+    };
+    let expected = pictures(Glb);
+    assert_ne!(expected[0], expected[1], "it moves");
+    for format in [Usda, Usdc, Usdz] {
+        for (number, (found, expected)) in pictures(format).iter().zip(&expected).enumerate() {
+            let differs = |(a, b): &(&image::Rgb<u8>, &image::Rgb<u8>)| (0..3).any(|c| a[c].abs_diff(b[c]) > 16);
+            let different = found.pixels().zip(expected.pixels()).filter(differs).count();
+            assert!(different * 100 < 120 * 90, "{format:?}, picture {number}: {different} pixels differ");
+        }
+    }
+}
+
+/// What is wrong with a stage is said with the prim at fault.
+#[test]
+fn stages_that_cannot_be_shown_say_why() {
+    let triangle = "point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]";
+    let mesh = |faces: &str| format!("def Mesh \"M\"\n{{\n{triangle}\n{faces}\n}}\n");
+    let prototype = "def Mesh \"P\"\n{\n}\n";
+    let copies = |lists: &str| format!("{prototype}def PointInstancer \"I\"\n{{\nrel prototypes = </P>\n{lists}\n}}\n");
+    let deep = "def Xform \"X\"\n{\n".repeat(210) + &"}\n".repeat(210);
+    for (prims, words) in [
+        (String::new(), "it shows no meshes"),
+        (deep, "prims are nested too deeply"),
+        (mesh(""), "/M: it has no faces"),
+        (mesh("int[] faceVertexCounts = [-1]\nint[] faceVertexIndices = [0]"), "/M: a face has less than no corners"),
+        (
+            mesh("int[] faceVertexCounts = [4]\nint[] faceVertexIndices = [0, 1, 2]"),
+            "/M: its faces have more corners than faceVertexIndices",
+        ),
+        (
+            mesh("int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 7]"),
+            "/M: a corner is none of its points",
+        ),
+        (
+            mesh(
+                "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n\
+                 uniform token[] xformOpOrder = [\"xformOp:shear\"]",
+            ),
+            "/M: xformOp:shear is not read",
+        ),
+        (copies(""), "/I: it has no protoIndices that stay the same"),
+        (copies("int[] protoIndices = [0]"), "/I: it has no positions"),
+        (
+            copies("int[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0), (1, 0, 0)]"),
+            "/I: its lists are of different lengths",
+        ),
+        (
+            copies("int[] protoIndices = [3]\npoint3f[] positions = [(0, 0, 0)]"),
+            "/I: protoIndices name a prototype that it does not have",
+        ),
+    ] {
+        let text = format!("#usda 1.0\n{prims}");
+        let refused = as_gltf(text.as_bytes(), &no_files).expect_err(words);
+        assert!(refused.contains(words), "{refused}, not {words}");
+    }
+    assert_eq!(as_gltf(b"PXR-USDC", &no_files).unwrap_err(), "it is damaged, or no USD");
+    assert_eq!(*as_gltf(b"{}", &no_files).unwrap(), *b"{}", "what is no USD stays");
 }
 
 #[test]

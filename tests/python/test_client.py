@@ -36,6 +36,12 @@ def test_a_result_is_what_the_program_writes(address, tmp_path):
     bake.save(tmp_path / "client.csv")
     run("bake", *FLAGS, "--quiet", "-o", str(tmp_path / "program.csv"), "--report", str(tmp_path / "report.json"))
     assert (tmp_path / "client.csv").read_bytes() == (tmp_path / "program.csv").read_bytes()
+    # One bake gives every format.
+    for name in ("client.usdc", "client.glb"):
+        bake.save(tmp_path / name)
+        own = name.replace("client", "program")
+        run("bake", *FLAGS, "--quiet", "-o", str(tmp_path / own))
+        assert (tmp_path / name).read_bytes() == (tmp_path / own).read_bytes()
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith(".")] == []
     report = json.loads((tmp_path / "report.json").read_text())
     assert bake.report()["result_blake3"] == report["result_blake3"] == bake.summary.result_blake3

@@ -1,4 +1,4 @@
-//! The program as a client of the server.
+//! The program as a client of the server. Long: its commands share scenes and servers.
 
 use crate::server::{
     PROGRAM, Server, accepted_id, asset, begin, content, endless, events, request, sha256, short, status, until,
@@ -185,6 +185,7 @@ async fn a_changed_result_is_not_written() {
             let hash = if name == "result.glb" { &mut summary.result_sha256 } else { &mut summary.report_sha256 };
             *hash = sha256(&bytes);
             std::fs::write(path, status.encode_to_vec()).unwrap();
+            std::fs::remove_file(folder.join("result.glb.head")).unwrap();
         }
         let line = format!("watch {id} -o again.glb --report again.json --server {}", server.addresses[0]);
         let done = cairn(server.folder(), &line);
@@ -269,6 +270,23 @@ fn pictures_are_sent_and_missing_ones_reported() {
     let read = |name: &str| std::fs::read(server.path(name)).unwrap();
     assert!(read("near.glb") == read("far.glb") && read("far.glb").windows(PNG.len()).any(|part| part == PNG));
 
+    // In USD, pictures are files beside the result: the same ones from near and far.
+    for folder in ["usd-near", "usd-far"] {
+        std::fs::create_dir(server.path(folder)).unwrap();
+    }
+    for arguments in ["-o usd-near/a.usdc".to_owned(), format!("-o usd-far/a.usdc --server {far}")] {
+        let (code, printed) = run(&arguments);
+        assert_eq!(code, 0, "{printed}");
+    }
+    let all = |folder: &str| -> Vec<(String, Vec<u8>)> {
+        let textures = server.path(folder).join("textures");
+        let names = std::fs::read_dir(textures).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let names = names.map(|name| format!("{folder}/textures/{name}")).chain([format!("{folder}/a.usdc")]);
+        names.map(|name| (name[folder.len()..].to_owned(), read(&name))).collect()
+    };
+    assert_eq!(all("usd-far").len(), 2);
+    assert!(all("usd-near") == all("usd-far"));
+
     for (case, uri, words) in [
         ("when the picture is sent", "../textures/Red.png", ""),
         ("when the picture is far", "https://example.org/red.png", ""),
@@ -295,7 +313,7 @@ fn pictures_are_sent_and_missing_ones_reported() {
     assert!(printed.contains("note: kit/gltf/a.gltf: node 0: its skin is not applied"), "{printed}");
 }
 
-/// The bakes of a server from the command line; a result never has the name of another format.
+/// The bakes of a server from the command line; a result has the format of its name.
 #[test]
 fn bakes_are_listed_shown_awaited_and_deleted() {
     let server = Server::start(&[]);
@@ -328,9 +346,13 @@ fn bakes_are_listed_shown_awaited_and_deleted() {
     assert!(ok(&format!("bakes wait {start}")).contains("succeeded"));
     ok(&format!("watch {start} -o w.glb"));
     assert!(std::fs::read(server.path("w.glb")).unwrap() == std::fs::read(server.path("b.glb")).unwrap());
-    for name in ["w.usdz", "w.txt", "w"] {
+    ok(&format!("watch {start} -o w.usdz --report w.json"));
+    assert!(std::fs::read(server.path("w.usdz")).unwrap().starts_with(b"PK"));
+    let report: serde_json::Value = serde_json::from_slice(&std::fs::read(server.path("w.json")).unwrap()).unwrap();
+    assert_eq!(report["output"], "result.usdz");
+    for name in ["w.txt", "w"] {
         let (code, _, errors) = run(&format!("watch {start} -o {name}"));
-        assert!(code == 65 && errors.contains("the bake has a .glb, which must not have this name"), "{errors}");
+        assert!(code == 2 && errors.contains("the format is unknown"), "{errors}");
         assert!(!server.path(name).exists());
     }
     ok(&format!("bakes delete {start}"));
@@ -382,7 +404,7 @@ fn a_result_without_room_is_not_baked() {
     command.args(scene).args(["--server", &server.addresses[0], "--set", "physics.step_natural=0.000001"]);
     let done = command.current_dir(server.folder()).env("FAILPOINTS", "output-room=return(ENOSPC)").output().unwrap();
     let errors = String::from_utf8(done.stderr).unwrap();
-    assert!(done.status.code() == Some(65) && errors.contains("MiB will be written"), "{errors}");
+    assert!(done.status.code() == Some(65) && errors.contains("MiB are expected"), "{errors}");
     let listed = cairn(server.folder(), &format!("bakes list --json --server {}", server.addresses[0]));
     let listed: Vec<serde_json::Value> = serde_json::from_slice(&listed.stdout).unwrap();
     assert_eq!(listed[0]["state"], "cancelled");

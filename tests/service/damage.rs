@@ -191,7 +191,8 @@ async fn health_of_a_server_that_ends() {
     service.list_bakes(ListBakesRequest::default()).await.unwrap();
     service.get_bake(GetBakeRequest { bake_id: bake_id.clone() }).await.unwrap();
     service.watch_bake(WatchBakeRequest { bake_id: bake_id.clone(), ..Default::default() }).await.unwrap();
-    let not_done = service.download_result(DownloadResultRequest { bake_id: bake_id.clone(), artifact: 0 }).await;
+    let not_done = DownloadResultRequest { bake_id: bake_id.clone(), ..Default::default() };
+    let not_done = service.download_result(not_done).await;
     assert_fault(&not_done.map(drop).unwrap_err(), Code::FailedPrecondition, "BAKE_NOT_DONE");
     service.cancel_bake(CancelBakeRequest { bake_id: bake_id.clone() }).await.unwrap();
     service.delete_bake(DeleteBakeRequest { bake_id }).await.unwrap();

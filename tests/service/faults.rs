@@ -337,7 +337,7 @@ async fn downloads_that_break_off() {
     let server = server_of_one(folder.path(), &format!("stream-send={more}*return(EPIPE)"));
     let mut connection = server.connect().await;
     for _ in 0..BROKEN_OFF {
-        let request = DownloadResultRequest { bake_id: id.clone(), artifact: Artifact::Result.into() };
+        let request = DownloadResultRequest { bake_id: id.clone(), ..Default::default() };
         let mut parts = connection.service.download_result(request).await.unwrap().into_inner();
         assert!(parts.message().await.unwrap().is_none(), "nothing arrives");
     }

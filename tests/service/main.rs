@@ -11,6 +11,7 @@ mod create;
 mod damage;
 mod ends;
 mod faults;
+mod formats;
 mod large;
 mod lists;
 mod load;

@@ -59,8 +59,7 @@ function compileJob(job) {
         bakes.forEach((task) => verify.addDependency(task));
         job.addTask(verify);
     }
-    // A contact sheet shows .glb files.
-    if (settings.sheet && settings.format === "glb") {
+    if (settings.sheet) {
         const rank = author.Task("rank", "misc");
         rank.addCommand(author.Command("exec", { exe: settings.program, args: ["rank", settings.output] }));
         bakes.forEach((task) => rank.addDependency(task));

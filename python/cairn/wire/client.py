@@ -125,10 +125,14 @@ class Connection:
                         on_progress(sent / total)
                     await stream.recv_message()
 
-    async def download(self, bake_id, artifact=v1.ARTIFACT_RESULT):
-        """A whole file of a finished bake."""
-        parts = [reply.chunk async for reply in self.stream("DownloadResult", bake_id=bake_id, artifact=artifact)]
-        return b"".join(parts)
+    async def download(self, bake_id, artifact=v1.ARTIFACT_RESULT, **wanted):
+        """A whole file of a finished bake. `wanted`: further fields of the request."""
+        return (await self.download_file(bake_id, artifact=artifact, **wanted))[0]
+
+    async def download_file(self, bake_id, **wanted):
+        """A whole file, and the first message, which describes it."""
+        replies = [reply async for reply in self.stream("DownloadResult", bake_id=bake_id, **wanted)]
+        return b"".join(reply.chunk for reply in replies), replies[0] if replies else v1.DownloadResultResponse()
 
     async def report(self, bake_id):
         """The whole report of a bake."""

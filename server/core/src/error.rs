@@ -1,5 +1,6 @@
-//! Why a scene cannot be baked, or a bake did not finish. The lowest layer: it uses nothing.
+//! Why a scene cannot be baked, or a bake did not finish. The lowest layer: it uses nothing of this package.
 
+pub use cairn_gltf::log::counted;
 use std::fmt;
 
 /// The reason for which a scene cannot be baked, or a bake did not finish.
@@ -13,11 +14,6 @@ pub enum Error {
     /// A fault of the program.
     #[error("internal error: {0}")]
     Internal(String),
-}
-
-/// "1 body" or "2 bodies", for messages.
-pub fn counted(count: usize, one: &str, many: &str) -> String {
-    format!("{count} {}", if count == 1 { one } else { many })
 }
 
 /// One thing wrong with a scene or its parameters.

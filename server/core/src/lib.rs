@@ -172,7 +172,9 @@ pub fn fill_container(
     cache: &mut dyn FillCache,
     observer: &mut dyn Observer,
 ) -> Result<FullContainer, Error> {
-    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    let mut checked = check::run(scene, params).map_err(Error::Invalid)?;
+    // The container has them from here on.
+    let surroundings = checked.surroundings.take();
     let mut clock = Clock::new(observer);
 
     let inputs = FillInputs::new(scene, params, &checked, observer.wants_frames());
@@ -185,7 +187,7 @@ pub fn fill_container(
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let units = units.about(scene.middle());
-    let container = container(scene, params, &checked, &resolved, &units);
+    let container = container(scene, params, &checked, surroundings, &resolved, &units);
     let target = checked.target().filter(|_| container.is_none());
     let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
@@ -220,6 +222,7 @@ fn container(
     scene: &Scene,
     params: &Params,
     checked: &CheckedScene,
+    surroundings: Option<Surroundings>,
     resolved: &Resolved,
     units: &Units,
 ) -> Option<Container> {
@@ -231,8 +234,7 @@ fn container(
         Some(core) => container.around(core, units),
         None => container,
     };
-    let ground = params.ground.then_some(checked.ground);
-    Some(match Surroundings::new(scene, &control.mesh, ground) {
+    Some(match surroundings {
         Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
         None => container,
     })

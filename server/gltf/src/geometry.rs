@@ -17,7 +17,7 @@ use crate::accessor::{Accessors, Elements, Purpose};
 use crate::buffer::Buffers;
 use crate::compressed::{Attribute, DRACO, DracoMesh, MOST_BROKEN};
 use crate::gate::{ACCESSORS, Gate, MAY, MESHES, MUST, Member, MemberKind, NODES, NUMBER, Piece};
-use crate::log::{Log, Logged};
+use crate::log::{Log, Logged, counted};
 use crate::node::{INSTANCING, Nodes, PlacedNode, Selection, unit};
 use crate::problem::{ProblemKind, clip};
 use crate::source::Source;
@@ -355,19 +355,11 @@ fn why_empty(
     } else if meshes == 0 {
         Some("it has no mesh at all".to_owned())
     } else if selection.hidden > 0 {
-        Some(format!("its meshes are hidden (KHR_node_visibility, {})", nodes_text(selection.hidden)))
+        Some(format!("its meshes are hidden (KHR_node_visibility, {})", counted(selection.hidden, "node", "nodes")))
     } else if placed.is_empty() {
-        Some(format!("its scene shows none of {}", meshes_text(meshes)))
+        Some(format!("its scene shows none of {}", counted(meshes, "mesh", "meshes")))
     } else {
-        let meshes = meshes_text(meshes);
+        let meshes = counted(meshes, "mesh", "meshes");
         Some(format!("it has {meshes}, but none of the nodes read ({}) shows one", placed.len()))
     }
-}
-
-fn meshes_text(count: usize) -> String {
-    if count == 1 { "1 mesh".into() } else { format!("{count} meshes") }
-}
-
-fn nodes_text(count: usize) -> String {
-    if count == 1 { "1 node".into() } else { format!("{count} nodes") }
 }

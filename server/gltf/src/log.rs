@@ -14,6 +14,11 @@ pub struct Reported;
 
 pub type Logged<T> = Result<T, Reported>;
 
+/// "1 body" or "2 bodies", for messages.
+pub fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}
+
 /// Everything found in one file so far.
 pub struct Log {
     file: String,

@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => export::check_destination(&args.output)?,
     };
     if !format.is_single_file() {
-        output::check_sidecars(&args.output, args.server.is_some())?;
+        output::check_sidecars(&args.output)?;
     }
     if args.progress.mode == Mode::Openjd && output::is_stdout(&args.output) {
         let what = "progress is also written to the standard output";
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let files = remote::Files::read(&tree)?;
         check_outputs(args, files.paths())?;
         let (output, report) = (Some(&*args.output), args.report.as_deref());
-        let delivery = Delivery { output, report, progress: &args.progress };
+        let delivery = Delivery { output, format: Some(format), report, progress: &args.progress };
         return remote::bake(&args.connection.at(server)?, scene, files, format, &args.queue, &delivery);
     }
     args.bounds.enforce(|| bake(args, &tree, format))
@@ -113,7 +113,14 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     let name = args.output.display().to_string();
     let done = job.run_and_deliver(format, &name, &mut args.cache.open(), &mut reporter, &mut write);
     reporter.finish(done.is_ok());
-    let is_written = written.transpose()?.is_some();
+    let is_kept = || args.cache.open().bake(&job.scene, &job.params).is_some();
+    let is_written = written.transpose().map_err(|failure: Failure| match failure {
+        Failure::TryAgain(problem) if is_kept() => {
+            Failure::TryAgain(problem.and("The cache keeps the pile until then."))
+        }
+        failure => failure,
+    })?;
+    let is_written = is_written.is_some();
     if is_written && matches!(done, Err(JobError::Bake(cairn_core::Error::Cancelled))) {
         print_error(&format!("cancelled; {name} is complete, but its measures were not taken"));
         return Err(Failure::Reported(interrupt::code()));

@@ -80,8 +80,8 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Checks that a result of this size at most, or results of this size together, in bytes, has room where it will be
-/// written.
+/// Checks that a result of this expected size at most, or results of this size together, in bytes, has room where it
+/// will be written. A larger one that has none is not lost: the cache keeps the bake.
 pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
     let Destination::File(target) = Destination::to(path) else { return Ok(()) };
     let folder = files::folder_of(&target);
@@ -93,7 +93,7 @@ pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
         Some(free) if free < most => {
             let mib = |bytes: u64| bytes.div_ceil(1 << 20);
             let what = format!(
-                "up to {} MiB will be written, but the disk of {} has {} MiB left",
+                "up to {} MiB are expected, but the disk of {} has {} MiB left",
                 mib(most),
                 folder.display(),
                 mib(free)
@@ -104,13 +104,9 @@ pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
     }
 }
 
-/// Checks that a result can have sidecars: it must be a local file, and the folder of the sidecars usable.
-pub fn check_sidecars(output: &Path, is_remote: bool) -> Result<(), Failure> {
+/// Checks that a result can have sidecars: it must be a file, and the folder of the sidecars usable.
+pub fn check_sidecars(output: &Path) -> Result<(), Failure> {
     let usage = |place: &Path, what: &str, remedy: &str| Err(Failure::Usage(vec![Problem::at(place, what, remedy)]));
-    if is_remote {
-        let what = "its textures would be separate files, but a server returns one file";
-        return usage(output, what, "Use .usdz, which holds everything.");
-    }
     if !matches!(Destination::to(output), Destination::File(_)) {
         let what = "its textures would be files beside it, but this is not a file";
         return usage(output, what, "Use --format usdz, which holds everything.");
@@ -149,9 +145,7 @@ fn write_through(way: Destination, path: &Path, content: &[u8]) -> std::io::Resu
 /// sidecars are written first.
 pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path>) -> Result<(), Failure> {
     let _guard = begin()?;
-    result
-        .write_sidecars(output)
-        .map_err(|error| Failure::write(&files::folder_of(output).join(SIDECAR_FOLDER), &error))?;
+    write_sidecars(output, result)?;
     write(output, &result.bytes)?;
     let Some((path, Destination::File(old))) = report.map(|path| (path, Destination::to(path))) else { return Ok(()) };
     match std::fs::remove_file(old) {
@@ -160,18 +154,24 @@ pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path
     }
 }
 
+fn write_sidecars(output: &Path, result: &Encoded) -> Result<(), Failure> {
+    let folder = files::folder_of(output).join(SIDECAR_FOLDER);
+    result.write_sidecars(output).map_err(|error| Failure::write(&folder, &error))
+}
+
 /// Delays the end of the process while the guard lives. Fails if the command is cancelled already.
 pub fn begin() -> Result<MutexGuard<'static, ()>, Failure> {
     let guard = interrupt::shield();
     if interrupt::is_requested() { Err(Failure::Cancelled) } else { Ok(guard) }
 }
 
-/// Writes both result and report, or neither.
-pub fn write_result(output: &Path, result: &[u8], report: Option<(&Path, String)>) -> Result<(), Failure> {
+/// Writes both result and report, or neither. The sidecars are written first.
+pub fn write_result(output: &Path, result: &Encoded, report: Option<(&Path, String)>) -> Result<(), Failure> {
     let _guard = begin()?;
+    write_sidecars(output, result)?;
     // Stage all files before any gets its name: if the disk is full, existing files stay.
     let (mut files, mut streams) = (Vec::new(), Vec::new());
-    let parts = report.iter().map(|(path, text)| (*path, text.as_bytes())).chain([(output, result)]);
+    let parts = report.iter().map(|(path, text)| (*path, text.as_bytes())).chain([(output, &*result.bytes)]);
     for (path, content) in parts {
         match Destination::to(path) {
             Destination::File(target) => {

@@ -20,7 +20,7 @@ Examples:
 
 Figures are the measures and counts of the reports (examples/guide/measures.md), and seed, bodies and cpu_seconds.")]
 pub struct Args {
-    /// Folder of results (.glb) with reports, as written by `cairn batch`
+    /// Folder of results (.glb, .usdc, .usda, .usdz) with reports, as written by `cairn batch`
     folder: PathBuf,
 
     /// Figure to sort by, largest first, or smallest first with :least; repeat it to break ties [default: the first

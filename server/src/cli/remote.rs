@@ -2,16 +2,17 @@
 
 use super::progress::{ProgressArgs, Reporter};
 use super::{Failure, interrupt, output, print_done, print_warning, summary};
-use crate::client::{Connection, Target};
+use crate::client::{Connection, Downloaded, Target};
 use crate::files;
 use crate::job::{self, InputFile, PortableNames, Refused};
-use crate::model::export::Format;
+use crate::model::export::{Encoded, Format, SIDECAR_FOLDER};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
 use crate::wire::proto::{
-    Artifact, AssetReference, BakeRequest, BakeSpec, OutputFormat, Plan, Scene, Summary, bake_event::Kind,
+    Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, OutputFormat, Plan, Scene, Summary,
+    bake_event::Kind,
 };
 use crate::wire::to_proto::NOTES_FIELD;
 use bytes::Bytes;
@@ -111,6 +112,8 @@ impl RemoteBake {
 /// Paths of a finished bake's files, and the form of progress.
 pub struct Delivery<'a> {
     pub output: Option<&'a Path>,
+    /// Of the result and of what the report is about; `None`: as it was made with the bake.
+    pub format: Option<Format>,
     pub report: Option<&'a Path>,
     pub progress: &'a ProgressArgs,
 }
@@ -232,9 +235,9 @@ pub fn bake(
     delivery: &Delivery,
 ) -> Result<(), Failure> {
     let mut spec = files.spec(scene);
-    spec.set_format(format.wire());
-    // The same request reaches the server that has baked it before.
+    // The same request, in any format, reaches the server that has baked it before.
     let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
+    spec.set_format(format.wire());
     let target = &Target { route: Some(route), ..target.clone() };
     let request = BakeRequest {
         spec: Some(spec),
@@ -285,9 +288,6 @@ pub fn watch(bake: &RemoteBake, delivery: &Delivery) -> Result<(), Failure> {
     let target = bake.target()?;
     talk(async {
         let mut server = Connection::open(&target).await?;
-        if let Some(output) = delivery.output {
-            check_format(output, server.status(&bake.id).await?.format())?;
-        }
         let mut follower = BakeFollower::new(delivery);
         let watched = tokio::select! {
             watched = server.watch(&bake.id, |event| follower.event(event.kind)) => watched,
@@ -295,19 +295,6 @@ pub fn watch(bake: &RemoteBake, delivery: &Delivery) -> Result<(), Failure> {
         };
         follower.end(watched, &mut server).await
     })
-}
-
-/// Checks that a result may have this name. `format`: of the bake, if the server states it.
-fn check_format(output: &Path, format: OutputFormat) -> Result<(), Failure> {
-    let named = Format::of(output);
-    let is_right = output::is_stdout(output) || named == Some(Format::from_wire(format));
-    if is_right || format == OutputFormat::Unspecified {
-        return Ok(());
-    }
-    let extension = Format::from_wire(format).extension();
-    let what = format!("the bake has a .{extension}, which must not have this name");
-    let remedy = format!("End the name in .{extension}; for another format, bake it by cairn bake --server.");
-    Err(Failure::input(Problem::at(output, what, remedy)))
 }
 
 /// `cairn cancel`.
@@ -375,41 +362,53 @@ impl<'a> BakeFollower<'a> {
         }
     }
 
-    /// Checks that a downloaded file is unchanged.
-    fn verify(&self, file: &[u8], sha256: impl Fn(&Summary) -> &String) -> Result<(), Failure> {
-        match &self.summary {
-            Some(summary) if hex(&Sha256::digest(file)) != *sha256(summary) => {
-                let remedy = "Run the command again; if it happens again, check the server's disk and network.";
-                Err(Failure::TryAgain(Problem::new("the server", "the result was changed in transfer", remedy)))
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// Downloads the files and prints the summary.
     async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<(), Failure> {
         self.reporter.finish(ended.is_ok());
         let id = ended?;
-        let Delivery { output, report, progress } = *self.delivery;
+        let Delivery { output, format, report, progress } = *self.delivery;
+        // What was made with the bake must be what its events describe.
+        let own = server.status(&id).await?.format();
+        let is_own = format.is_none_or(|format| own == format.wire());
+        let described = self.summary.as_ref().filter(|_| is_own);
+        let request = |artifact: Artifact, file: &str| DownloadResultRequest {
+            bake_id: id.clone(),
+            artifact: artifact.into(),
+            format: format.map_or(OutputFormat::Unspecified, Format::wire).into(),
+            file: file.to_owned(),
+        };
         let report = match report {
             Some(path) => {
-                let text = server.download(&id, Artifact::Report).await?;
-                self.verify(&text, |summary| &summary.report_sha256)?;
+                let text = server.download_file(&request(Artifact::Report, "")).await?;
+                let text = verified(text, described.map(|summary| &*summary.report_sha256))?.bytes;
                 Some((path, String::from_utf8_lossy(&text).into_owned()))
             }
             None => None,
         };
+        let mut notes = Vec::new();
         match (output, report) {
             (Some(output), report) => {
-                let result = server.download(&id, Artifact::Result).await?;
-                self.verify(&result, |summary| &summary.result_sha256)?;
-                output::write_result(output, &result, report)?;
+                let result = server.download_file(&request(Artifact::Result, "")).await?;
+                // An older server gives its own format, whatever is asked.
+                if let Some(format) = format.filter(|_| result.first.sha256.is_empty()) {
+                    check_format(output, format, own)?;
+                }
+                let Downloaded { bytes, first } = verified(result, described.map(|summary| &*summary.result_sha256))?;
+                let mut sidecars = BTreeMap::new();
+                for file in first.files {
+                    check_name(&file.name)?;
+                    let content = server.download_file(&request(Artifact::Result, &file.name)).await?;
+                    let content = verified(content, Some(&file.sha256))?;
+                    sidecars.insert(file.name, content.bytes);
+                }
+                notes = first.notes;
+                output::write_result(output, &Encoded { bytes, sidecars, left_out: Vec::new() }, report)?;
             }
             (None, Some((path, text))) => output::write(path, text.as_bytes())?,
             (None, None) => {}
         }
         let Some(summary) = self.summary.filter(|_| !progress.quiet) else { return Ok(()) };
-        for warning in &summary.warnings {
+        for warning in summary.warnings.iter().chain(notes.iter().filter(|note| !summary.warnings.contains(note))) {
             print_warning(warning);
         }
         let count = |count: i32| usize::try_from(count).unwrap_or(0);
@@ -419,6 +418,40 @@ impl<'a> BakeFollower<'a> {
         let name = output.unwrap_or(Path::new("the pile"));
         summary::print(bodies, frames, measure, counted, self.began.elapsed().as_secs_f64(), name);
         Ok(())
+    }
+}
+
+/// A downloaded file that is as the server has it, and as it was described before.
+fn verified(file: Downloaded, described: Option<&str>) -> Result<Downloaded, Failure> {
+    let own = hex(&Sha256::digest(&file.bytes));
+    let stated = [&*file.first.sha256].into_iter().filter(|sha256| !sha256.is_empty()).chain(described);
+    if stated.into_iter().all(|sha256| own == sha256) {
+        return Ok(file);
+    }
+    let remedy = "Run the command again; if it happens again, check the server's disk and network.";
+    Err(Failure::TryAgain(Problem::new("the server", "the result was changed in transfer", remedy)))
+}
+
+/// Checks the format that a server gives. `own`: of the bake, if the server states it.
+fn check_format(output: &Path, format: Format, own: OutputFormat) -> Result<(), Failure> {
+    if own == OutputFormat::Unspecified || own == format.wire() {
+        return Ok(());
+    }
+    let extension = Format::from_wire(own).extension();
+    let what = format!("the server is of an earlier version, which gives this bake as .{extension} only");
+    Err(Failure::input(Problem::at(output, what, format!("End the name in .{extension}, or update the server."))))
+}
+
+/// Checks the name of a file beside a result, which a server gives: a plain name in the folder of such files.
+fn check_name(name: &str) -> Result<(), Failure> {
+    let is_plain = |name: &str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"._-".contains(&byte));
+    let file = name.strip_prefix(SIDECAR_FOLDER).and_then(|rest| rest.strip_prefix('/'));
+    match file.filter(|file| is_plain(file) && !file.starts_with('.') && !file.is_empty()) {
+        Some(_) => Ok(()),
+        None => {
+            let what = format!("the result names a file by {name:?}, which leads elsewhere");
+            Err(Failure::Internal(what))
+        }
     }
 }
 

@@ -3,9 +3,11 @@
 use super::{Failure, interrupt, output, print_warning};
 use crate::files::{self, Disk, FileSource};
 use crate::job::InputFile;
+use crate::model::export;
 use crate::model::render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render};
 use crate::problem::Problem;
 use image::{ImageFormat, RgbImage};
+use std::borrow::Cow;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,7 +15,7 @@ use std::sync::Arc;
 /// Renders a picture of a pile
 ///
 /// The camera is fitted to the pile; light and ground are like in a photo studio. Works with any animated glTF file,
-/// not only piles.
+/// not only piles. Of a USD file, one layer is shown, with base colors and their pictures; glue is not.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -24,7 +26,7 @@ Examples:
 
 Needs no graphics card. The picture does not depend on the number of threads.")]
 pub struct Args {
-    /// The pile: .glb or .gltf
+    /// The pile: .glb, .gltf, .usdc, .usda or .usdz
     #[arg(value_name = "PILE")]
     pile: PathBuf,
 
@@ -89,6 +91,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
     let read = |path: &PathBuf| InputFile::read(path, &disk).map_err(Failure::input);
+    let read = |path: &PathBuf| read(path).and_then(as_gltf);
     let pile = read(&args.pile)?;
     let control = args.control.as_ref().map(read).transpose()?;
     let picture = render(&model(&pile), control.as_ref().map(model).as_ref(), &settings)?;
@@ -102,6 +105,13 @@ fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Fai
     picture.write_to(&mut bytes, format).map_err(|error| Failure::Internal(error.to_string()))?;
     let _guard = output::begin()?;
     files::write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, &error))
+}
+
+/// The file as the renderer reads it.
+fn as_gltf(mut file: InputFile) -> Result<InputFile, Failure> {
+    let read = export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned);
+    file.bytes = read.map_err(|what| Failure::input(Problem::new(&file.name, what, "Choose another file.")))?;
+    Ok(file)
 }
 
 fn model(file: &InputFile) -> RenderModel<'_> {

@@ -2,6 +2,7 @@
 
 use super::remote::{self, Delivery, RemoteBake};
 use super::{Failure, interrupt, output, progress::ProgressArgs};
+use crate::model::export;
 use std::path::PathBuf;
 
 /// Watches a bake on a server, and downloads its result
@@ -11,12 +12,12 @@ use std::path::PathBuf;
 #[command(after_help = "\
 Examples:
   cairn watch 6e0f4c... --server farm:50151
-  cairn watch 6e0f4c... -o pile.glb")]
+  cairn watch 6e0f4c... -o pile.usdz")]
 pub struct Args {
     #[command(flatten)]
     bake: RemoteBake,
 
-    /// File for the result, in the bake's format
+    /// File for the result, in the format of its extension
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 
@@ -34,5 +35,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         output::check(path, &[])?;
     }
     let (output, report) = (args.output.as_deref(), args.report.as_deref());
-    remote::watch(&args.bake, &Delivery { output, report, progress: &args.progress })
+    let format = output.filter(|output| !output::is_stdout(output)).map(export::check_destination).transpose()?;
+    if let Some(output) = output.filter(|_| format.is_some_and(|format| !format.is_single_file())) {
+        output::check_sidecars(output)?;
+    }
+    remote::watch(&args.bake, &Delivery { output, format, report, progress: &args.progress })
 }

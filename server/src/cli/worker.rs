@@ -16,6 +16,10 @@ pub struct Args {
     #[arg(long)]
     memory: Option<u64>,
 
+    /// Format of an export
+    #[arg(long)]
+    format: Option<String>,
+
     /// Folder of cached fills
     #[arg(long)]
     cache: Option<PathBuf>,
@@ -26,6 +30,7 @@ enum WorkerCommand {
     Plan,
     Accept,
     Bake,
+    Export,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -41,6 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let mut cache = args.cache.as_deref().map_or_else(BakeCache::none, BakeCache::at);
             worker::bake(&args.folder, &mut cache)
         }
+        WorkerCommand::Export => worker::export(&args.folder, args.format.as_deref().unwrap_or_default()),
     };
     match result {
         Ok(()) => Ok(()),

@@ -58,8 +58,9 @@ impl Job {
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
     }
 
-    /// The size of the result at most, bytes, unless the pile comes to rest much later than usual: as if every body
-    /// moved in every frame.
+    /// The size of the result at most, bytes, as if every body moved in every frame. Not if the fill places more bodies
+    /// than are expected, or if the pile rests after more than twice the expected time: what bounds those for certain,
+    /// `fill.max_bodies` and `hold.patience`, would refuse bakes that have room.
     pub fn most_bytes(&self, plan: &Plan, format: Format) -> u64 {
         let (bodies, frames) = (plan.expected_bodies as u64, plan.most_frames as u64);
         let size = format.size();

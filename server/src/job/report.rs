@@ -1,6 +1,7 @@
 //! `report.json`: the core's measures and counts, their inputs, and their cost.
 
 use crate::job::machine;
+use crate::model::export::Encoded;
 use crate::scene_file::SceneTree;
 use crate::wire::proto;
 use crate::wire::versions::versions;
@@ -93,6 +94,16 @@ pub fn json(
     report.insert("cpu_seconds".into(), json!(seconds.cpu));
     report.insert("peak_memory_bytes".into(), json!(machine::peak_memory()));
     Value::Object(report)
+}
+
+/// The report of a bake's result in a further format. `first`: the report of the first one. `notes`: about the files.
+pub fn of_format(first: &str, name: &str, result: &Encoded, notes: &[String]) -> Result<String, serde_json::Error> {
+    let mut report: Map<String, Value> = serde_json::from_str(first)?;
+    let notes: Vec<&String> = notes.iter().chain(&result.left_out).collect();
+    report.insert("output".into(), name.into());
+    report.insert("output_blake3".into(), blake3::hash(&result.bytes).to_hex().as_str().into());
+    report.insert("notes".into(), json!(notes));
+    Ok(format!("{:#}\n", Value::Object(report)))
 }
 
 /// Hash of a result: equal for equal bodies and frames, to the last bit, in any format.

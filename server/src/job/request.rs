@@ -6,7 +6,7 @@ use super::sources::{InputFile, PortableNames, rename};
 use crate::model::export::Format;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
-use crate::wire::proto::{AssetReference, BakeSpec, Scene};
+use crate::wire::proto::{AssetReference, BakeSpec, OutputFormat, Scene};
 use crate::wire::versions::versions;
 use prost::Message;
 use serde_json::{Value, json};
@@ -54,10 +54,11 @@ pub fn request(mut scene: Scene, assets: Vec<Asset>, format: Format, names: &Por
     BakeSpec { scene: Some(scene), assets, format: format.wire().into() }
 }
 
-/// The hash of a request and of the versions. Equal hashes have equal results, to the last byte.
+/// The hash of a request, without its format, and of the versions. Equal hashes have equal piles, to the last byte.
 pub fn hash(request: &BakeSpec) -> blake3::Hash {
+    let bake = BakeSpec { format: OutputFormat::Unspecified.into(), ..request.clone() };
     let mut all = versions().encode_length_delimited_to_vec();
-    all.extend(request.encode_to_vec());
+    all.extend(bake.encode_to_vec());
     blake3::hash(&all)
 }
 

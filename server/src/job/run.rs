@@ -48,8 +48,14 @@ impl Job {
         self.run_and_deliver(format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
     }
 
+    /// The result of a finished bake in a format.
+    pub fn encode(&self, format: Format, bake: &Bake) -> Result<Encoded, ExportError> {
+        let origin = request::origin(&self.request(format), report::result_hash(&bake.pile));
+        export::encode(format, &bake.pile, &self.export_scene(&origin, Some(&bake.report.measures)))
+    }
+
     /// Like [`Job::run`]. `deliver` gets the result as soon as it exists: before the measures, unless the format holds
-    /// them. Its `Break` cancels the bake.
+    /// them. After its `Break` the job is cancelled, but the cache keeps the bake.
     pub fn run_and_deliver(
         &self,
         format: Format,
@@ -85,16 +91,17 @@ impl Job {
                 let full = cairn_core::fill_container(scene, params, cache, observer)?;
                 let released = cairn_core::release_pile(scene, params, &full, observer)?;
                 // A fault in the measures must not cost the finished result.
-                let early = (!format.holds_measures()).then(|| delivered(&released.pile(), None)).transpose()?;
+                let early = (!format.holds_measures()).then(|| delivered(&released.pile(), None));
                 failpoints::at("measure").ok();
                 let bake = released.measured(observer)?;
-                let files = match early {
-                    Some(files) => files,
-                    None => delivered(&bake.pile, Some(&bake.report.measures))?,
-                };
+                // Nor must a full disk: the cache may be on another one.
                 if may_recall {
                     cache.keep_bake(scene, params, &bake);
                 }
+                let files = match early {
+                    Some(files) => files?,
+                    None => delivered(&bake.pile, Some(&bake.report.measures))?,
+                };
                 (bake, files)
             }
         };

@@ -3,6 +3,7 @@
 
 use crate::failpoints;
 use crate::files::plain_reason;
+use crate::model::export::Format;
 use crate::service::config::Config;
 use crate::service::event_log::codec;
 use crate::service::status::Fault;
@@ -26,6 +27,8 @@ pub enum WorkerTask {
     /// A plan without estimates, made before a bake.
     Accept,
     Bake,
+    /// A finished bake's result in a further format.
+    Export(Format),
 }
 
 /// A running worker. Dropping it kills the process.
@@ -59,8 +62,12 @@ impl Worker {
             WorkerTask::Plan => "plan",
             WorkerTask::Accept => "accept",
             WorkerTask::Bake => "bake",
+            WorkerTask::Export(_) => "export",
         });
         command.arg(folder);
+        if let WorkerTask::Export(format) = task {
+            command.arg("--format").arg(format.extension());
+        }
         if let Some(bytes) = config.bake_memory() {
             command.arg("--memory").arg(bytes.to_string());
         }

@@ -34,6 +34,8 @@ pub enum Fault {
     BakeNotFound(String),
     #[error("the bake has no result: it is not finished, or has failed; see GetBake")]
     BakeNotDone,
+    #[error("{0}")]
+    FormatUnavailable(String),
     #[error("all workers are busy, and the queue or your quota of it is full; try again later")]
     QueueFull { retry: Duration },
     #[error("too many calls are open; try again later")]
@@ -97,6 +99,7 @@ impl Fault {
             Fault::UploadStalled => (Code::DeadlineExceeded, "UPLOAD_STALLED"),
             Fault::BakeNotFound(_) => (Code::NotFound, "BAKE_NOT_FOUND"),
             Fault::BakeNotDone => (Code::FailedPrecondition, "BAKE_NOT_DONE"),
+            Fault::FormatUnavailable(_) => (Code::FailedPrecondition, "FORMAT_UNAVAILABLE"),
             Fault::QueueFull { .. } => (Code::ResourceExhausted, "QUEUE_FULL"),
             Fault::TooManyCalls => (Code::ResourceExhausted, "TOO_MANY_CALLS"),
             Fault::MemoryLimit(_) => (Code::ResourceExhausted, "MEMORY_LIMIT"),

@@ -4,17 +4,20 @@
 //! lock                 held by the server that uses the directory
 //! version              of this layout
 //! assets/SHA256        one file per asset
-//! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.json; assets/ while it is unfinished
+//! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.*, pile.postcard, textures/, assets/
 //! partial/             files being written
 //! cache/               fills and bakes for reuse
 //! ```
 //!
-//! A bake has its assets as hard links, so that they may be removed from `assets/` at any time.
+//! A bake has its assets as hard links, so that they may be removed from `assets/` at any time, and the bake can still
+//! give its result in further formats.
 
 use crate::failpoints;
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
+use crate::model::export::{Format, SIDECAR_FOLDER};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, REPORT, SPEC, result_names};
+use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, SPEC, head_name, report_name, result_name};
+use crate::service::worker_message::ResultHead;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
 use prost::Message;
@@ -168,7 +171,7 @@ impl Store {
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
         if !has(EVENTS, status.event_bytes) {
             Some("its events are truncated or missing".into())
-        } else if !result_names().any(|name| has(&name, result_bytes)) {
+        } else if !Format::ALL.into_iter().any(|format| has(&result_name(format), result_bytes)) {
             Some("its result is truncated or missing".into())
         } else {
             None
@@ -202,13 +205,26 @@ impl Store {
         write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
     }
 
-    /// Removes the files that an ended bake no longer needs: assets, temporary files and incomplete results.
+    /// What describes a bake's result in a format, if it was made.
+    pub fn head(&self, id: &str, format: Format) -> Result<Option<ResultHead>> {
+        match fs::read(self.folder(id).join(head_name(format))) {
+            Ok(bytes) => Ok(ResultHead::decode(&bytes[..]).ok()),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Removes the files that an ended bake no longer needs: temporary files, and of one without a result assets and
+    /// what there is of the result.
     pub fn tidy(&self, status: &BakeStatus) {
         let folder = self.folder(&status.bake_id);
-        let _ = fs::remove_dir_all(folder.join(ASSETS));
         remove_unfinished(&folder);
         if status.state() != BakeState::Succeeded {
-            for name in result_names().chain([REPORT.to_owned()]) {
+            for name in [ASSETS, SIDECAR_FOLDER] {
+                let _ = fs::remove_dir_all(folder.join(name));
+            }
+            let of_format = |format| [result_name(format), report_name(format), head_name(format)];
+            for name in Format::ALL.into_iter().flat_map(of_format).chain([REPORT.to_owned(), PILE.to_owned()]) {
                 let _ = fs::remove_file(folder.join(name));
             }
         }
@@ -308,6 +324,22 @@ fn bytes_below(folder: &Path) -> u64 {
     bytes.sum()
 }
 
+/// Total size of the files of a folder that are elsewhere, too.
+fn bytes_shared(folder: &Path) -> u64 {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.filter_map(|entry| entry.metadata().ok()).filter(is_shared).map(|found| found.len()).sum()
+}
+
+#[cfg(unix)]
+fn is_shared(file: &fs::Metadata) -> bool {
+    std::os::unix::fs::MetadataExt::nlink(file) > 1
+}
+
+#[cfg(not(unix))]
+fn is_shared(_: &fs::Metadata) -> bool {
+    false
+}
+
 /// Whether a file has a name like assets and bakes. File managers and network drives put other files here.
 fn is_digest(path: &Path) -> bool {
     let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
@@ -333,16 +365,13 @@ struct Kept {
 impl Kept {
     fn of(path: PathBuf) -> Result<Kept> {
         let is_bake = path.is_dir();
-        let (mut bytes, mut used) = (0, fs::metadata(&path)?.modified()?);
-        if is_bake {
+        let mut used = fs::metadata(&path)?.modified()?;
+        let bytes = if is_bake {
             used = fs::metadata(path.join(STATUS)).and_then(|status| status.modified()).unwrap_or(used);
-            for entry in fs::read_dir(&path)? {
-                let found = entry?.metadata()?;
-                bytes += if found.is_file() { found.len() } else { 0 };
-            }
+            bytes_below(&path).saturating_sub(bytes_shared(&path.join(ASSETS)))
         } else {
-            bytes = fs::metadata(&path)?.len();
-        }
+            fs::metadata(&path)?.len()
+        };
         Ok(Kept { path, is_bake, bytes, used })
     }
 }

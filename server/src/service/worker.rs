@@ -5,20 +5,20 @@ use crate::files::{self, FileSource};
 use crate::job::machine;
 use crate::job::pace::StagePace;
 use crate::job::reuse::BakeCache;
-use crate::job::{FinishedBake, Job, JobError, Refused};
-use crate::model::export::{self, ExportError, Format};
+use crate::job::{self, FinishedBake, Job, JobError, Refused};
+use crate::model::export::{Encoded, ExportError, Format};
 use crate::problem::{Cause, Problem};
 use crate::scene_file::SceneTree;
 use crate::service::event_log::{self, LogWriter};
-use crate::service::folder::{ASSETS, EVENTS, REPORT, SCENE, SPEC, result_name};
+use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, SCENE, SPEC, head_name, report_name, result_name};
 use crate::service::status::DISK_FULL;
-use crate::service::worker_message::{Envelope, Invalid, WorkerMessage};
+use crate::service::worker_message::{Envelope, Invalid, ResultHead, WorkerMessage};
 use crate::wire::digest::hex;
 use crate::wire::frame_delta::FrameDelta;
 use crate::wire::proto::{self, bake_event::Kind};
 use crate::wire::to_proto;
 use cairn_core::input::observer::{Frame, Observer, Progress, Stage};
-
+use cairn_core::report::bake::Bake;
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -119,22 +119,72 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
         Progress { stage: Stage::Shape, fraction: 0.0, bodies: 0, released: 0, at_rest: 0, nails: 0, frames: 0 };
     send(WorkerMessage::Progress(to_proto::progress(&begun, None)));
     let (spec, job) = read(folder)?;
-    let name = result_name(spec.format());
-    let path = folder.join(&name);
-    let format = export::check_destination(&path).map_err(|error| failed(error.into(), &[]))?;
+    let format = Format::from_wire(spec.format());
+    let name = result_name(format);
     let mut watcher = Watcher::new(LogWriter::resume(&folder.join(EVENTS))?);
     let done = job.run(format, &name, cache, &mut watcher);
     if let Some(error) = watcher.failed {
         return Err(error.into());
     }
     let done = done.map_err(|error| failed(error, &job.notes))?;
-    files::write_atomically(&folder.join(REPORT), done.report.as_bytes())?;
-    files::write_atomically(&path, &done.result.bytes)?;
+    let pile = postcard::to_stdvec(&done.bake).map_err(|error| WorkerError::Internal(error.to_string()))?;
+    files::write_atomically(&folder.join(PILE), &pile)?;
+    write(folder, format, &done.result, REPORT, &done.report)?;
     let summary = summary(&done);
     watcher.log.append(Kind::Summary(summary.clone()))?;
     send(WorkerMessage::Logged(watcher.log.sync()?));
     send(WorkerMessage::Done(summary));
     Ok(())
+}
+
+/// Makes the result of a finished bake in a further format, with a report of its own.
+pub fn export(folder: &Path, format: &str) -> Result<(), WorkerError> {
+    let format = Format::from_extension(format).ok_or_else(|| WorkerError::Internal("no such format".into()))?;
+    let (_, job) = read(folder)?;
+    let bake: Bake = postcard::from_bytes(&read_file(&folder.join(PILE))?)
+        .map_err(|error| WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string()))))?;
+    let result = job.encode(format, &bake).map_err(|error| failed(error.into(), &job.notes))?;
+    let first = std::fs::read_to_string(folder.join(REPORT))?;
+    let report = job::report::of_format(&first, &result_name(format), &result, &job.notes)
+        .map_err(|error| WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string()))))?;
+    let head = write(folder, format, &result, &report_name(format), &report)?;
+    send(WorkerMessage::Exported(head));
+    Ok(())
+}
+
+/// Writes a result, the files beside it, its report, and last what describes them.
+fn write(
+    folder: &Path,
+    format: Format,
+    result: &Encoded,
+    report_name: &str,
+    report: &str,
+) -> Result<ResultHead, WorkerError> {
+    let sha256 = |bytes: &[u8]| hex(&Sha256::digest(bytes));
+    let head = |bytes: &[u8]| proto::DownloadResultResponse {
+        size_bytes: to_proto::signed(bytes.len()),
+        sha256: sha256(bytes),
+        ..Default::default()
+    };
+    let file = |(name, bytes): (&String, &Vec<u8>)| proto::ResultFile {
+        name: name.clone(),
+        size_bytes: to_proto::signed(bytes.len()),
+        sha256: sha256(bytes),
+    };
+    let head = ResultHead {
+        result: proto::DownloadResultResponse {
+            files: result.sidecars.iter().map(file).collect(),
+            notes: result.left_out.clone(),
+            ..head(&result.bytes)
+        },
+        report: head(report.as_bytes()),
+    };
+    let path = folder.join(result_name(format));
+    files::write_atomically(&folder.join(report_name), report.as_bytes())?;
+    result.write_sidecars(&path)?;
+    files::write_atomically(&path, &result.bytes)?;
+    files::write_atomically(&folder.join(head_name(format)), &head.encode_to_vec())?;
+    Ok(head)
 }
 
 fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {

@@ -6,7 +6,7 @@ use crate::wire::proto;
 /// A message on the wire.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Envelope {
-    #[prost(oneof = "WorkerMessage", tags = "1, 2, 3, 4, 5, 6, 7")]
+    #[prost(oneof = "WorkerMessage", tags = "1, 2, 3, 4, 5, 6, 7, 8")]
     pub message: Option<WorkerMessage>,
 }
 
@@ -30,6 +30,18 @@ pub enum WorkerMessage {
     /// The disk is at fault.
     #[prost(string, tag = "7")]
     Broken(String),
+    /// A result was made in a further format.
+    #[prost(message, tag = "8")]
+    Exported(ResultHead),
+}
+
+/// The first messages of the downloads of a result and of its report, without their first bytes.
+#[derive(Clone, PartialEq, prost::Message)]
+pub struct ResultHead {
+    #[prost(message, required, tag = "1")]
+    pub result: proto::DownloadResultResponse,
+    #[prost(message, required, tag = "2")]
+    pub report: proto::DownloadResultResponse,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]

@@ -2,8 +2,9 @@
 
 use crate::files;
 use crate::job::report::ReportFile;
+use crate::model::export::{self, Format};
 use crate::problem::{Problem, nearest};
-
+use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -76,15 +77,32 @@ pub fn read(folder: &Path) -> Result<(Vec<Candidate>, Vec<Problem>), Problem> {
 }
 
 fn candidate(folder: &Path, name: &str, report: &str) -> Result<Candidate, Problem> {
-    let (path, report) = (folder.join(format!("{name}.glb")), folder.join(report));
+    let report = folder.join(report);
     let content: ReportFile = serde_json::from_slice(&files::read(&report)?)
         .map_err(|error| Problem::at(&report, format!("not a report: {error}"), "Bake the result again."))?;
-    let bytes = files::read(&path)?;
-    if content.output_blake3 != blake3::hash(&bytes).to_hex().as_str() {
-        let what = "not the result that its report describes";
-        return Err(Problem::at(&path, what, "Run the batch again: it repairs such results."));
+    let shows = Format::ALL.into_iter().filter(|format| format.states_origin());
+    let mut paths: Vec<PathBuf> = shows.map(|format| folder.join(format!("{name}.{}", format.extension()))).collect();
+    // The first one is missed if there is none.
+    let first = paths[0].clone();
+    paths.retain(|path| path.is_file());
+    if paths.is_empty() {
+        paths.push(first);
     }
-    Ok(Candidate { name: name.to_owned(), path, bytes, figures: content.figures() })
+    for path in &paths {
+        let bytes = files::read(path)?;
+        if content.output_blake3 != blake3::hash(&bytes).to_hex().as_str() {
+            continue;
+        }
+        let beside = |relative: &str| {
+            let path = files::beside(folder, relative).ok_or("it leads elsewhere")?;
+            std::fs::read(path).map_err(|error| error.to_string())
+        };
+        let read = export::as_gltf(&bytes, &beside).map(Cow::into_owned);
+        let bytes = read.map_err(|what| Problem::at(path, what, "Run the batch again."))?;
+        return Ok(Candidate { name: name.to_owned(), path: path.clone(), bytes, figures: content.figures() });
+    }
+    let what = "not the result that its report describes";
+    Err(Problem::at(&paths[0], what, "Run the batch again: it repairs such results."))
 }
 
 /// Sorts, best first: by the first figure, then by the next where that is equal. Candidates without the figure come

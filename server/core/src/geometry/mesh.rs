@@ -73,6 +73,16 @@ pub(crate) fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
 }
 
+/// Whether two boxes come as near to each other as `reach`, along each axis.
+pub fn boxes_meet(a: (DVec3, DVec3), b: (DVec3, DVec3), reach: DVec3) -> bool {
+    a.0.cmple(b.1 + reach).all() && a.1.cmpge(b.0 - reach).all()
+}
+
+/// Whether a box holds another one.
+pub fn box_holds(outer: (DVec3, DVec3), inner: (DVec3, DVec3)) -> bool {
+    outer.0.cmple(inner.0).all() && outer.1.cmpge(inner.1).all()
+}
+
 /// Signed solid angle of a triangle, seen from `p` (Van Oosterom & Strackee 1983, Eq. 8). Finite everywhere, also on
 /// the triangle.
 pub(crate) fn solid_angle(p: DVec3, triangle: &[DVec3; 3]) -> f64 {

@@ -16,9 +16,10 @@ use crate::input::scene::{Model, Prop, Scene};
 use crate::prepare::container::core::Core;
 use crate::prepare::extremes;
 use crate::prepare::shape::Size;
+use crate::prepare::surroundings::Surroundings;
 
 /// A scene without problems, and the findings of the check.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct CheckedScene {
     /// d: the median prop diameter (bounding sphere, scaled, by weight), m.
     pub diameter: f64,
@@ -32,6 +33,8 @@ pub struct CheckedScene {
     pub core: Option<Core>,
     /// Shares of the control mesh's volume and surface that scenery leaves, where there is some.
     room: Option<(f64, f64)>,
+    /// The scenery around the control mesh, where there is some and it is to be filled.
+    pub surroundings: Option<Surroundings>,
     /// One per prop.
     pub sizes: Vec<Size>,
     /// Share of each prop among the drawn bodies or, if none is drawn, among the placed ones.
@@ -175,7 +178,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     let mass = |i: usize| sizes[i].volume * scene.props[i].density;
     warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
     let room = standing.room;
-    Ok(CheckedScene { diameter, ground, control, region, core, room, sizes, shares, warnings })
+    let surroundings = standing.around.map(|around| around.on_ground(params.ground.then_some(ground)));
+    Ok(CheckedScene { diameter, ground, control, region, core, room, surroundings, sizes, shares, warnings })
 }
 
 /// A closed mesh as it will be used: welded, its parts facing outward. Every repair is a warning.

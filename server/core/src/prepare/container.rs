@@ -8,7 +8,7 @@ mod simplify;
 use self::core::Core;
 use crate::geometry::contact::CARRYING_GAP;
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{TriMesh, bounds, boxes_meet};
 use crate::geometry::topology::{self, Topology};
 use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::input::scene::Scene;
@@ -135,9 +135,8 @@ impl Container {
             surroundings.cut(&mut self.distance, &self.units, surroundings::least_radius(scene, sizes));
         self.volume *= volume;
         self.area *= area;
-        let near = |[a, b, c]: [DVec3; 3]| {
-            a.min(b).min(c).cmple(self.high + FAR).all() && a.max(b).max(c).cmpge(self.low - FAR).all()
-        };
+        let near =
+            |corners: [DVec3; 3]| boxes_meet(bounds(corners.into_iter()), (self.low, self.high), DVec3::splat(FAR));
         for model in &scene.statics {
             let mut mesh = self.units.mesh_to_engine(&surroundings::placed(model));
             mesh.triangles.retain(|t| near(t.map(|v| mesh.points[v as usize])));

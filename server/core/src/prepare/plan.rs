@@ -15,7 +15,7 @@ pub struct Plan {
     pub expected_bodies: usize,
     /// Simulation steps expected over all stages.
     pub expected_steps: usize,
-    /// Frames that the result has at most, unless the pile comes to rest much later than usual.
+    /// Frames that the result has at most, unless the pile rests after more than twice the expected time.
     #[serde(skip)]
     pub most_frames: usize,
     /// Length unit d: the median prop diameter, m.

@@ -4,7 +4,7 @@
 //! a landscape, which is a sheet that nothing lies below and that covers the shape on all sides. SI.
 
 use crate::geometry::interior::{Bvh, DistanceGrid, MeshInterior};
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{self, TriMesh, box_holds, boxes_meet};
 use crate::geometry::pose::Pose;
 use crate::geometry::topology::{self, WELD_TOLERANCE};
 use crate::input::scene::{Scene, StaticModel};
@@ -12,6 +12,7 @@ use crate::prepare::shape::Size;
 use crate::prepare::units::Units;
 use glam::DVec3;
 use std::collections::HashMap;
+use std::fmt;
 use std::sync::{Mutex, PoisonError};
 
 /// The scenery around a shape.
@@ -84,6 +85,12 @@ const JOINED: f64 = 1e-3;
 /// largest edge.
 const ASIDE: [f64; 2] = [4.1e-7, 2.3e-7];
 
+impl fmt::Debug for Surroundings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Surroundings").field("ground", &self.ground).finish_non_exhaustive()
+    }
+}
+
 impl Surroundings {
     /// The scenery of a scene around a closed shape; `None` without any near it. `ground`: the height at which the
     /// ground is, if there is one.
@@ -91,37 +98,29 @@ impl Surroundings {
         let bounds = shape.bounds();
         let extent = (bounds.1 - bounds.0).max_element();
         let meshes: Vec<TriMesh> = scene.statics.iter().map(placed).collect();
-        let near = |low: DVec3, high: DVec3| {
-            let margin = NEAR * extent;
-            low.x <= bounds.1.x + margin
-                && high.x >= bounds.0.x - margin
-                && low.z <= bounds.1.z + margin
-                && high.z >= bounds.0.z - margin
-        };
-        let reaches = |low: DVec3, high: DVec3| low.cmple(bounds.1).all() && high.cmpge(bounds.0).all();
+        let near =
+            |piece: (DVec3, DVec3)| boxes_meet(piece, bounds, DVec3::new(NEAR * extent, f64::INFINITY, NEAR * extent));
         let (mut solid, mut sheets) = (TriMesh::default(), Vec::new());
         let (mut all, mut triangles) = (Vec::new(), Vec::new());
         for (piece, mesh) in meshes.iter().enumerate() {
-            let (low, high) = mesh.bounds();
-            if !near(low, high) {
+            if !near(mesh.bounds()) {
                 continue;
             }
             let welded = topology::weld(mesh, WELD_TOLERANCE);
             for part in topology::parts(&welded) {
                 let part = topology::weld(&TriMesh { points: welded.points.clone(), triangles: part }, 0.0);
-                let (low, high) = part.bounds();
-                if !near(low, high) {
+                let own = part.bounds();
+                if !near(own) {
                     continue;
                 }
                 let closed = closed(&part).filter(|closed| !holds(closed, shape));
                 let is_sheet = closed.is_none();
                 let part = closed.unwrap_or(part);
-                if !is_sheet && reaches(low, high) {
+                if !is_sheet && boxes_meet(own, bounds, DVec3::ZERO) {
                     solid.append(&part);
                 }
                 for corners in (0..part.triangles.len()).map(|i| part.corners(i)) {
-                    let (low, high) = crate::geometry::mesh::bounds(corners.into_iter());
-                    if !near(low, high) {
+                    if !near(mesh::bounds(corners.into_iter())) {
                         continue;
                     }
                     let [a, b, c] = corners;
@@ -148,6 +147,11 @@ impl Surroundings {
             ground,
             covers: true,
         })
+    }
+
+    /// The same scenery, not cut out of anything yet, with the ground at another height; `None`: there is none.
+    pub fn on_ground(self, ground: Option<f64>) -> Surroundings {
+        Surroundings { ground, covers: true, ..self }
     }
 
     /// Whether a point is in a solid piece.
@@ -318,8 +322,7 @@ fn closed(part: &TriMesh) -> Option<TriMesh> {
 
 /// Whether all of a shape is inside a closed mesh.
 fn holds(closed: &TriMesh, shape: &TriMesh) -> bool {
-    let ((low, high), (inner_low, inner_high)) = (closed.bounds(), shape.bounds());
-    if !(low.cmple(inner_low).all() && high.cmpge(inner_high).all()) {
+    if !box_holds(closed.bounds(), shape.bounds()) {
         return false;
     }
     let region = MeshInterior::new(closed);
@@ -336,7 +339,7 @@ fn lowest(meshes: &[TriMesh]) -> Vec<f64> {
     let mut sets = topology::DisjointSets::new(boxes.len());
     for (i, a) in boxes.iter().enumerate() {
         for (k, b) in boxes.iter().enumerate().take(i) {
-            if (a.0 - reach).cmple(b.1).all() && (a.1 + reach).cmpge(b.0).all() {
+            if boxes_meet(*b, *a, DVec3::splat(reach)) {
                 sets.join(i, k);
             }
         }

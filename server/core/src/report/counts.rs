@@ -59,7 +59,7 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::BodiesPlaced, scene.bodies.len() as u64),
         (Count::BodiesEmitted, pile_counters.bodies_emitted),
         (Count::BouncingBodies, pile_counters.bouncing_bodies),
-        (Count::StandSteps, pile.gentle_stop.steps),
+        (Count::WithdrawalSteps, pile.withdrawal.steps),
         (Count::FreeStandingSteps, freed_steps),
         (Count::StepsWithStiffContacts, steps_if(inputs.resolved.is_on(EffectName::StiffContacts))),
         (Count::StepsWithFrictionPerPoint, steps_if(world.has_friction_per_point())),

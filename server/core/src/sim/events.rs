@@ -23,7 +23,7 @@ pub struct Events<'a> {
     pinned: Vec<(f64, BodyId)>,
     emissions: Vec<Emission<'a>>,
     moving: Vec<(MovingId, &'a StaticModel)>,
-    /// When the control ends, s, and whether gently.
+    /// When the control ends, s, and whether it is withdrawn then, not ended at once.
     until: Option<(f64, bool)>,
     /// s after frame 0, at the end of the step to come.
     time: f64,
@@ -128,9 +128,9 @@ impl<'a> Events<'a> {
             pile.disturb();
             pile.release(id);
         }
-        if let Some((_, gently)) = self.until.filter(|until| until.0 <= self.time) {
+        if let Some((_, withdraws)) = self.until.filter(|until| until.0 <= self.time) {
             self.until = None;
-            pile.end_control(gently);
+            pile.end_control(withdraws);
         }
         Ok(())
     }

@@ -3,7 +3,6 @@
 pub mod control;
 mod events;
 mod frame_publisher;
-mod gentle_stop;
 pub mod glue;
 pub mod guard;
 pub mod instance;
@@ -13,3 +12,4 @@ pub mod pile_equilibrium;
 pub mod policy;
 pub mod record;
 pub mod step;
+mod withdrawal;

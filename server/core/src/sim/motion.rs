@@ -41,6 +41,13 @@ struct Standing {
     left_at: Option<f64>,
 }
 
+impl Standing {
+    /// It may fall although it has stood.
+    fn expect_fall(&mut self) {
+        (self.stood, self.left_at) = (0.0, None);
+    }
+}
+
 impl Motion {
     /// Before the engine's step.
     pub fn before_step(&mut self, world: &World) {
@@ -122,6 +129,9 @@ impl Motion {
         }
         let shaken: BTreeSet<ClusterId> =
             world.present().filter(|&id| touched[id]).filter_map(|id| world.cluster_of(id)).collect();
+        if shaken.is_empty() {
+            return touched;
+        }
         for id in world.present().filter(|&id| world.cluster_of(id).is_some_and(|cluster| shaken.contains(&cluster))) {
             touched[id] = true;
         }
@@ -136,14 +146,12 @@ impl Motion {
 
     /// Something hits the pile, or it is asked to move: what has stood until now may fall.
     pub fn expect_collapse(&mut self) {
-        self.stands.iter_mut().for_each(|stand| (stand.stood, stand.left_at) = (0.0, None));
+        self.stands.iter_mut().for_each(Standing::expect_fall);
     }
 
-    /// The hold of a body broke under its load: it may fall.
-    pub fn expect_fall(&mut self, id: BodyId) {
-        if let Some(stand) = self.stands.get_mut(id) {
-            (stand.stood, stand.left_at) = (0.0, None);
-        }
+    /// What held these bodies broke under their load: they may fall.
+    pub fn expect_falls(&mut self, ids: impl IntoIterator<Item = BodyId>) {
+        ids.into_iter().for_each(|id| self.stands.get_mut(id).into_iter().for_each(Standing::expect_fall));
     }
 
     /// The body is about to be hit.

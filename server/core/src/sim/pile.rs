@@ -1,12 +1,12 @@
 //! A pile in release or hold: its world, its bodies, and actions on it from outside.
 
 use super::control::PileControl;
-use super::gentle_stop::GentleStop;
 use super::glue::PileGlue;
 use super::instance::Instance;
 use super::motion::Motion;
 use super::policy::Policy;
 use super::record::Recorder;
+use super::withdrawal::Withdrawal;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::params::Params;
@@ -32,7 +32,7 @@ pub struct Pile<'a> {
     pub policy: Policy,
     pub control: PileControl<'a>,
     pub glue: PileGlue,
-    pub gentle_stop: GentleStop,
+    pub withdrawal: Withdrawal,
     pub motion: Motion,
     pub recorder: Recorder,
     /// Steps since turning over.
@@ -67,7 +67,7 @@ impl<'a> Pile<'a> {
             policy: Policy::new(params.release.resistance),
             control,
             glue: PileGlue::default(),
-            gentle_stop: GentleStop::default(),
+            withdrawal: Withdrawal::default(),
             motion: Motion::default(),
             recorder,
             step: 0,
@@ -135,15 +135,15 @@ impl<'a> Pile<'a> {
         self.policy.set_quiet(0.0);
         let begin = self.step + (lag / step_length).round() as u64;
         self.control.withdraw_below(f64::NEG_INFINITY);
-        self.gentle_stop.begin(begin, &self.world, speed);
+        self.withdrawal.begin(begin, &self.world, speed);
     }
 
-    /// The control ends and glue is gone. Gently: the control is withdrawn.
-    pub fn end_control(&mut self, gently: bool) {
+    /// The control ends and glue is gone. `withdraws`: the control is withdrawn; otherwise it ends at once.
+    pub fn end_control(&mut self, withdraws: bool) {
         self.disturb();
         self.motion.expect_collapse();
         self.glue.end(&mut self.world, &mut self.policy);
-        if gently {
+        if withdraws {
             self.withdraw_control(0.0);
         } else {
             self.control.end(&mut self.world, &mut self.policy);

@@ -3,7 +3,7 @@
 //! | stage | reads | writes |
 //! | --- | --- | --- |
 //! | events | events of the scene that are due | bodies, poses of moving scenery, roles, the control's end |
-//! | gentle stop | since when the control is withdrawn | where the control acts, its end, the latest event |
+//! | withdrawal | since when the control is withdrawn | where the control acts, its end, the latest event |
 //! | control | contact pairs, poses, speeds | verdicts, supports, roles, reasons for resistance, friction |
 //! | policy | reasons | resistance |
 //! | engine | all of the world | poses, velocities, contacts; bodies that the guard sets aside |
@@ -30,7 +30,7 @@ use strum::VariantArray;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, strum::VariantArray)]
 pub enum StepStage {
     Events,
-    GentleStop,
+    Withdrawal,
     Control,
     Policy,
     Engine,
@@ -99,7 +99,7 @@ impl<'a> Simulation<'a> {
 
     /// No event and no end of the control is to come.
     pub fn is_left_alone(&self) -> bool {
-        !self.pile.gentle_stop.is_under_way() && self.events.are_over()
+        !self.pile.withdrawal.is_under_way() && self.events.are_over()
     }
 
     /// Shows the frames that were recorded since.
@@ -123,7 +123,7 @@ impl<'a> Simulation<'a> {
         for &step_stage in StepStage::VARIANTS {
             match step_stage {
                 StepStage::Events => self.events.before_step(&mut self.pile)?,
-                StepStage::GentleStop => self.stop_gently(),
+                StepStage::Withdrawal => self.withdraw(),
                 StepStage::Control => self.control(),
                 StepStage::Policy => self.pile.policy.apply(&mut self.pile.world),
                 StepStage::Engine => {
@@ -143,11 +143,11 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
-    fn stop_gently(&mut self) {
+    fn withdraw(&mut self) {
         let pile = &mut self.pile;
-        if pile.gentle_stop.is_under_way() {
-            let Pile { world, policy, control, gentle_stop, step, .. } = pile;
-            gentle_stop.before_step(*step, world, policy, control);
+        if pile.withdrawal.is_under_way() {
+            let Pile { world, policy, control, withdrawal, step, .. } = pile;
+            withdrawal.before_step(*step, world, policy, control);
             pile.latest_event = pile.step;
         }
     }
@@ -177,13 +177,10 @@ impl<'a> Simulation<'a> {
 
     fn break_overloaded(&mut self) {
         let Pile { world, policy, control, glue, motion, .. } = &mut self.pile;
-        for id in control.break_overloaded(world, policy) {
-            motion.expect_fall(id);
-        }
-        for id in glue.break_overloaded(world, policy) {
-            motion.expect_fall(id);
-            control.release(id);
-        }
+        let let_go = control.break_overloaded(world, policy);
+        let unglued = glue.break_overloaded(world, policy);
+        unglued.iter().for_each(|&id| control.release(id));
+        motion.expect_falls(let_go.into_iter().chain(unglued));
     }
 
     fn record(&mut self, observer: &mut dyn Observer, stage: Stage) {

@@ -83,8 +83,8 @@ pub struct World {
     bodies: bodies::Bodies,
     nails: joints::nails::NailJoints,
     moving: Vec<scenery::MovingPiece>,
-    /// Scenery that stands still, in the order in which it was added.
-    scenery: Vec<rapier3d::prelude::ColliderHandle>,
+    /// Number of pieces of scenery that stand still.
+    still_pieces: usize,
     ccd: Switch,
     rolling: Rolling,
     creep: Creep,
@@ -103,7 +103,7 @@ impl World {
             bodies: bodies::Bodies::default(),
             nails: joints::nails::NailJoints::default(),
             moving: Vec::new(),
-            scenery: Vec::new(),
+            still_pieces: 0,
             ccd: physics.switches.continuous_collision,
             rolling: Rolling::new(physics),
             creep: Creep::default(),

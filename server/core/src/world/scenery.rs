@@ -107,16 +107,18 @@ impl World {
 
     /// The same, in engine units.
     pub fn add_piece(&mut self, mesh: &TriMesh, friction: f64) -> Result<WallId, String> {
-        let scenery = mesh_collider(mesh, 1.0, friction, TWO_SIDED, Owner::Scenery)?;
-        let piece = self.engine.insert_collider(scenery, None);
-        self.scenery.push(piece);
-        Ok(WallId(piece))
+        let scenery = mesh_collider(mesh, 1.0, friction, TWO_SIDED, Owner::Scenery(self.still_pieces))?;
+        self.still_pieces += 1;
+        Ok(WallId(self.engine.insert_collider(scenery, None)))
     }
 
     /// Whether a collider is scenery that moves, and its index among those; `None`: it is none.
     pub(super) fn piece(&self, handle: ColliderHandle) -> Option<(bool, usize)> {
-        let still = self.scenery.iter().position(|piece| *piece == handle).map(|index| (false, index));
-        still.or_else(|| Some((true, self.moving.iter().position(|piece| piece.collider == handle)?)))
+        match Owner::of(self.engine.colliders.get(handle)?) {
+            Owner::Scenery(id) => Some((false, id)),
+            Owner::Moving(id) => Some((true, id)),
+            _ => None,
+        }
     }
 
     /// The core of a pile, closed: bodies that have sunk into it are pushed out. The mesh is in SI.
@@ -124,8 +126,8 @@ impl World {
         let mesh = self.units.mesh_to_engine(mesh);
         let points: Vec<Vector> = mesh.points.iter().map(|p| p.as_vec3()).collect();
         let core = match ColliderBuilder::convex_hull(&points).filter(|_| is_convex) {
-            Some(hull) => hull.friction(friction as f32).user_data(Owner::Scenery.user_data()),
-            None => mesh_collider(&mesh, 1.0, friction, ONE_SIDED, Owner::Scenery)?,
+            Some(hull) => hull.friction(friction as f32).user_data(Owner::Core.user_data()),
+            None => mesh_collider(&mesh, 1.0, friction, ONE_SIDED, Owner::Core)?,
         };
         self.engine.insert_collider(core, None);
         Ok(())
@@ -169,7 +171,7 @@ impl World {
     }
 
     /// How many steps the next one must be taken in, so that moving scenery does not pass through bodies.
-    pub(super) fn scenery_parts(&self) -> u32 {
+    pub(super) fn scenery_parts(&self, paths: &[SceneryPath]) -> u32 {
         let parts = |path: &SceneryPath| {
             let piece = &self.moving[path.piece];
             let length = path.from.moved(&path.to, piece.radius);
@@ -181,7 +183,7 @@ impl World {
             let thinnest = near.map(|(_, body)| body.thickness).fold(f64::INFINITY, f64::min);
             (length / (FAST * thinnest)).ceil().clamp(1.0, f64::from(MOST_PARTS)) as u32
         };
-        self.scenery_paths().iter().map(parts).max().unwrap_or(1)
+        paths.iter().map(parts).max().unwrap_or(1)
     }
 
     pub(super) fn scenery_paths(&self) -> Vec<SceneryPath> {

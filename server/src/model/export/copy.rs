@@ -46,6 +46,13 @@ impl GlbOutput {
         array.len() - 1
     }
 
+    /// Sets an entry of a top-level array whose place was taken before.
+    pub fn set(&mut self, kind: &'static str, index: usize, value: impl Into<Value>) {
+        if let Some(entry) = self.arrays.get_mut(kind).and_then(|array| array.get_mut(index)) {
+            *entry = value.into();
+        }
+    }
+
     /// Appends bytes, aligned for any component type, as a buffer view; `view` may hold further members.
     pub fn push_view(&mut self, bytes: &[u8], mut view: Object) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);

@@ -345,7 +345,7 @@ impl Keys {
 }
 
 /// A GLB of the two chunks; the binary one is left out when there is nothing in it.
-fn container(json: &[u8], bin: &[u8]) -> Result<Vec<u8>, ExportError> {
+pub fn container(json: &[u8], bin: &[u8]) -> Result<Vec<u8>, ExportError> {
     let padded = |bytes: &[u8]| bytes.len().next_multiple_of(4);
     let bin_chunk = if bin.is_empty() { 0 } else { 8 + padded(bin) };
     let length = 12 + 8 + padded(json) + bin_chunk;

@@ -4,6 +4,7 @@
 use super::SourceModel;
 use crate::files::{self, FileSource};
 use cairn_gltf::document::{DocumentError, Object};
+use cairn_gltf::log::counted;
 use cairn_gltf::picture::PictureFault;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
@@ -85,17 +86,14 @@ impl LeftOut {
         for (what, why) in &self.broken {
             sentences.push(format!("{name}: {what} cannot be read and is left out of the result: {why}"));
         }
-        let counted = self.counts.iter().map(|(kind, count)| match count {
-            1 => format!("1 {kind}"),
-            _ => format!("{count} {kind}s"),
-        });
+        let things = self.counts.iter().map(|(kind, count)| counted(*count, kind, &format!("{kind}s")));
         let extensions: Vec<&str> = self.extensions.iter().map(String::as_str).collect();
         let extensions = match &extensions[..] {
             [] => None,
             [one] => Some(format!("the extension {one}")),
             all => Some(format!("the extensions {}", all.join(", "))),
         };
-        let listed: Vec<String> = counted.chain(extensions).collect();
+        let listed: Vec<String> = things.chain(extensions).collect();
         if !listed.is_empty() {
             sentences.push(format!("{name}: left out of the result: {}", listed.join(", ")));
         }

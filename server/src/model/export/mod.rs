@@ -18,6 +18,7 @@ use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::document::DocumentError;
 use cairn_gltf::{Document, Resolver};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -296,6 +297,11 @@ pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
         Ok(document) => Some(document.json().get("asset")?.get("extras")?.get(ORIGIN)?.clone()),
         Err(_) => usd::read_origin(result),
     }
+}
+
+/// A file as glTF has it: one of USD's formats as a `.glb` of what it shows, any other as it is.
+pub fn as_gltf<'a>(bytes: &'a [u8], resolve: &Resolver) -> Result<Cow<'a, [u8]>, String> {
+    if usd::is_usd(bytes) { usd::to_gltf(bytes, resolve).map(Cow::Owned) } else { Ok(Cow::Borrowed(bytes)) }
 }
 
 /// What a `.glb` of some models will be.

@@ -4,11 +4,12 @@ mod pace;
 mod request;
 mod stream;
 
+use crate::model::export::Format;
 use crate::service::access::{Caller, caller};
 use crate::service::audit;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
-use crate::service::folder::{REPORT, SCENE, result_name};
+use crate::service::folder::{REPORT, SCENE, report_name, result_name};
 use crate::service::jobs::{Bakes, Entry};
 use crate::service::quotas::{Permit, Quota};
 use crate::service::status::Fault;
@@ -19,8 +20,8 @@ use crate::wire::proto::{
     CancelBakeRequest, CancelBakeResponse, CreateBakeRequest, CreateBakeResponse, CreatedBake, DeleteBakeRequest,
     DeleteBakeResponse, DownloadResultRequest, DownloadResultResponse, GetBakeRequest, GetBakeResponse,
     GetServerInfoRequest, GetServerInfoResponse, HaveAssetsRequest, HaveAssetsResponse, Limits, ListBakesRequest,
-    ListBakesResponse, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, UploadAssetResponse, WatchBakeRequest,
-    WatchBakeResponse,
+    ListBakesResponse, OutputFormat, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, UploadAssetResponse,
+    WatchBakeRequest, WatchBakeResponse,
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
@@ -280,29 +281,45 @@ impl PileService for Service {
         request: Request<DownloadResultRequest>,
     ) -> Result<Response<Self::DownloadResultStream>, Status> {
         audit::bake(request.extensions(), &request.get_ref().bake_id);
-        let permit = self.stream_permit(&request)?;
-        let DownloadResultRequest { bake_id, artifact } = request.into_inner();
+        let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
+        let DownloadResultRequest { bake_id, artifact, format, file } = request.into_inner();
         let entry = self.bakes.find(&bake_id)?;
         let Ok(artifact) = Artifact::try_from(artifact) else {
             return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into());
+        };
+        let Ok(format) = OutputFormat::try_from(format) else {
+            return Err(Fault::field("format", format!("there is no format {format}; see OutputFormat")).into());
         };
         let (bakes, of) = (self.bakes.clone(), entry.clone());
         let status = on_disk(move || bakes.status(&of)).await??;
         if artifact != Artifact::Scene && status.state() != BakeState::Succeeded {
             return Err(Fault::BakeNotDone.into());
         }
-        let summary = status.summary.unwrap_or_default();
-        let (name, sha256) = match artifact {
-            Artifact::Unspecified | Artifact::Result => {
-                let bakes = self.bakes.clone();
-                let spec = on_disk(move || bakes.store.spec(&status.bake_id)).await?.map_err(Fault::from)?;
-                (result_name(spec.format()), summary.result_sha256)
-            }
-            Artifact::Report => (REPORT.to_owned(), summary.report_sha256),
-            Artifact::Scene => (SCENE.to_owned(), String::new()),
-        };
         self.bakes.store.touch(&entry.id());
+        let own = Format::from_wire(status.format());
+        let format = if format == OutputFormat::Unspecified { own } else { Format::from_wire(format) };
+        let (name, first) = match artifact {
+            Artifact::Unspecified | Artifact::Result => {
+                let head = self.bakes.result(&caller, &entry, format).await?.result;
+                match head.files.iter().find(|beside| beside.name == file) {
+                    _ if file.is_empty() => (result_name(format), head),
+                    Some(beside) => {
+                        let sha256 = beside.sha256.clone();
+                        (beside.name.clone(), DownloadResultResponse { sha256, ..Default::default() })
+                    }
+                    None => {
+                        let what = format!("no file beside the result has the name {file:?}; `files` lists them");
+                        return Err(Fault::field("file", what).into());
+                    }
+                }
+            }
+            Artifact::Report => {
+                let name = if format == own { REPORT.to_owned() } else { report_name(format) };
+                (name, self.bakes.result(&caller, &entry, format).await?.report)
+            }
+            Artifact::Scene => (SCENE.to_owned(), DownloadResultResponse::default()),
+        };
         let path = self.bakes.store.folder(&entry.id()).join(name);
-        Ok(Response::new(Download { path, sha256 }.start(&self.bakes, entry, permit).await?))
+        Ok(Response::new(Download { path, first }.start(&self.bakes, entry, permit).await?))
     }
 }

@@ -1,6 +1,5 @@
 //! Checks of requests before anything is done for them.
 
-use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::service::access::{Caller, LAST_PRIORITY};
@@ -31,10 +30,6 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
     if OutputFormat::try_from(spec.format).is_err() {
         wrong("spec.format".into(), format!("there is no format {}; see OutputFormat", spec.format));
-    } else if !Format::from_wire(spec.format()).is_single_file() {
-        let what =
-            "a result of this format may have texture files, but the service returns one file; use OUTPUT_FORMAT_USDZ";
-        wrong("spec.format".into(), what.into());
     }
     if spec.assets.len() > MAX_ASSETS {
         wrong("spec.assets".into(), format!("more than {MAX_ASSETS}; pack files into .glb"));

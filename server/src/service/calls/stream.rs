@@ -132,8 +132,8 @@ impl Follow {
 /// A file in chunks. The last chunk is sent only if the whole file has its hash.
 pub struct Download {
     pub path: PathBuf,
-    /// SHA-256; empty if unknown.
-    pub sha256: String,
+    /// The first message, with neither size nor bytes. Without a SHA-256, that is unknown.
+    pub first: DownloadResultResponse,
 }
 
 impl Download {
@@ -163,14 +163,15 @@ impl Download {
 
     /// The error describes damage of the file.
     async fn send(
-        &self,
+        self,
         file: tokio::fs::File,
         size: u64,
         sender: &mpsc::Sender<Result<DownloadResultResponse, Status>>,
     ) -> Result<(), String> {
         let mut chunks = ReaderStream::with_capacity(file, CHUNK);
         let mut hasher = Sha256::new();
-        let mut held = DownloadResultResponse { size_bytes: to_proto::signed(size), ..Default::default() };
+        let sha256 = self.first.sha256.clone();
+        let mut held = DownloadResultResponse { size_bytes: to_proto::signed(size), ..self.first };
         while let Some(chunk) = chunks.next().await {
             let chunk = failpoints::at("download-read")
                 .and(chunk)
@@ -181,7 +182,7 @@ impl Download {
             }
             held.chunk = chunk;
         }
-        if !self.sha256.is_empty() && hex(&hasher.finalize()) != self.sha256 {
+        if !sha256.is_empty() && hex(&hasher.finalize()) != sha256 {
             return Err("a file has changed since it was written".into());
         }
         send(sender, held).await;

@@ -16,6 +16,8 @@ pub struct Entry {
     pub(super) cancelled: CancellationToken,
     /// The latest deadline of its callers; `None` if a caller has none.
     deadline: Mutex<Option<Instant>>,
+    /// Held while its result is made in a further format.
+    pub(super) export: tokio::sync::Mutex<()>,
 }
 
 /// The state of a bake.
@@ -47,7 +49,13 @@ impl Entry {
         let time = state.status.create_time.unwrap_or_default();
         let position = (time.seconds, time.nanos, state.status.bake_id.clone());
         let (state, _) = watch::channel(state);
-        Arc::new(Entry { position, state, cancelled: CancellationToken::new(), deadline: Mutex::new(deadline) })
+        Arc::new(Entry {
+            position,
+            state,
+            cancelled: CancellationToken::new(),
+            deadline: Mutex::new(deadline),
+            export: tokio::sync::Mutex::default(),
+        })
     }
 
     /// Adds the deadline of another caller.

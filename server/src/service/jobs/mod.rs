@@ -11,14 +11,15 @@ use crate::model::export::Format;
 use crate::service::access::{Caller, CallerRole};
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
+use crate::service::folder::PILE;
 use crate::service::hook::Hook;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Quota;
 use crate::service::scheduler::Scheduler;
 use crate::service::status::Fault;
 use crate::service::store::Store;
-use crate::service::worker_message::WorkerMessage;
-use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus};
+use crate::service::worker_message::{ResultHead, WorkerMessage};
+use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus, DownloadResultResponse, Summary};
 use crate::wire::versions::versions;
 pub use entry::{Entry, EntryState, ListPosition};
 use prost_types::Timestamp;
@@ -247,6 +248,49 @@ impl Bakes {
             effective_scene: accepted.effective_scene,
             has_parameters_only: accepted.has_parameters_only,
         })
+    }
+
+    /// Describes a finished bake's result in a format. If it was not made before, a worker makes it now.
+    pub async fn result(&self, caller: &Caller, entry: &Entry, format: Format) -> Result<ResultHead, Fault> {
+        /// A result is written in seconds; only a huge one takes longer.
+        const LONGEST: Duration = Duration::from_secs(600);
+        let _alone = entry.export.lock().await;
+        let id = entry.id();
+        if let Some(head) = self.store.head(&id, format)? {
+            return Ok(head);
+        }
+        let status = self.status(entry)?;
+        let folder = self.store.folder(&id);
+        let own = Format::from_wire(status.format());
+        if own == format {
+            let Summary { result_bytes, result_sha256, report_sha256, .. } = status.summary.unwrap_or_default();
+            // Its server did not describe it.
+            return Ok(ResultHead {
+                result: DownloadResultResponse {
+                    size_bytes: result_bytes,
+                    sha256: result_sha256,
+                    ..Default::default()
+                },
+                report: DownloadResultResponse { sha256: report_sha256, ..Default::default() },
+            });
+        }
+        if !folder.join(PILE).is_file() {
+            let (own, wanted) = (own.extension(), format.extension());
+            let what =
+                format!("an earlier server made this bake: its result is .{own} alone; bake it again for .{wanted}");
+            return Err(Fault::FormatUnavailable(what));
+        }
+        let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
+        let _planner = self.planner_quota.acquire(caller).await;
+        let mut worker = Worker::start(&self.config, WorkerTask::Export(format), &folder)?;
+        let message = tokio::time::timeout(LONGEST, worker.next()).await;
+        self.request_trim();
+        match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
+            Some(WorkerMessage::Exported(head)) => Ok(head),
+            Some(WorkerMessage::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
+            Some(_) => Err(Fault::Internal("the worker did not export".into())),
+            None => Err(worker.fault().await),
+        }
     }
 
     /// Lets a worker plan. `slot` receives the process, so that the caller can wait for its end.

@@ -2,7 +2,6 @@
 
 use super::Entry;
 use crate::job::request;
-use crate::model::export::Format;
 use crate::service::access::Caller;
 use crate::service::status::Fault;
 use crate::wire::effective::effective;
@@ -47,10 +46,9 @@ pub(super) fn within_limits<'a>(
     Ok(())
 }
 
-/// The id of a bake: a hash of everything that its result depends on.
+/// The id of a bake: a hash of everything that its pile depends on.
 pub fn bake_id(spec: &BakeSpec) -> String {
     let mut spec = spec.clone();
-    spec.set_format(Format::from_wire(spec.format()).wire());
     spec.assets.sort_by(|a, b| a.uri.cmp(&b.uri));
     // An unset field and one set to its default give the same id.
     if let Some(scene) = &spec.scene

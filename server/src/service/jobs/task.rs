@@ -189,7 +189,12 @@ impl Bakes {
                 Some(WorkerMessage::Logged(extent)) => entry.state.send_modify(|now| now.reached(extent)),
                 Some(WorkerMessage::Done(summary)) => return Ok(summary),
                 Some(WorkerMessage::Invalid(invalid)) => return Err(Fault::SceneInvalid(invalid.problems).into()),
-                Some(WorkerMessage::Planned(_) | WorkerMessage::NotWritten(_) | WorkerMessage::Broken(_)) => {}
+                Some(
+                    WorkerMessage::Planned(_)
+                    | WorkerMessage::Exported(_)
+                    | WorkerMessage::NotWritten(_)
+                    | WorkerMessage::Broken(_),
+                ) => {}
                 None => break,
             }
         }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::double::drop_doubles;
 use super::{DisjointSets, Edges, Repair, area, drop_flat, weld};
 use crate::geometry::TOLERANCE;
-use crate::geometry::mesh::{TriMesh, bounds, solid_angle};
+use crate::geometry::mesh::{TriMesh, bounds, box_holds, solid_angle};
 
 /// Triangles that the search for cavities may look at: seconds of one core. Beyond, all parts count as solids.
 const MOST_CAVITY_WORK: usize = 200_000_000;
@@ -151,8 +151,7 @@ fn outward(mesh: &TriMesh, parts: &[MeshPart], repair: &mut Repair) -> Vec<bool>
     let mut order: Vec<usize> = (0..parts.len()).filter(|&i| parts[i].closed && solid(&parts[i])).collect();
     order.sort_by(|&a, &b| parts[b].volume.abs().total_cmp(&parts[a].volume.abs()).then(a.cmp(&b)));
 
-    let holds =
-        |outer: &MeshPart, inner: &MeshPart| outer.low.cmple(inner.low).all() && outer.high.cmpge(inner.high).all();
+    let holds = |outer: &MeshPart, inner: &MeshPart| box_holds((outer.low, outer.high), (inner.low, inner.high));
     let mut work = 0usize;
     let mut faces_inward = vec![false; parts.len()];
     for (rank, &inner) in order.iter().enumerate() {

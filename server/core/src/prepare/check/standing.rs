@@ -18,6 +18,8 @@ pub struct Standing {
     pub ground: Option<f64>,
     /// Shares of the shape's volume and surface that scenery leaves.
     pub room: Option<(f64, f64)>,
+    /// The scenery around the shape.
+    pub around: Option<Surroundings>,
     pub warnings: Vec<String>,
 }
 
@@ -73,6 +75,7 @@ pub fn of(
     let error = grid.spacing() * diameter / 2.0;
     standing.warnings.extend(floats(scene, &columns, ground, FLOATING * diameter + error));
     standing.warnings.extend(steep(scene, &columns, ground, LOWEST * diameter, shares));
+    standing.around = Some(around);
     standing
 }
 

@@ -72,7 +72,6 @@ pub enum Count {
     Shaken,
     ShapesMeasured,
     SpeculativeBodySteps,
-    StandSteps,
     Steps,
     StepsRecalled,
     StepsWithFrictionPerPoint,
@@ -85,6 +84,7 @@ pub enum Count {
     VerdictsUnstable,
     VisiblePairs,
     WallTrianglesSaved,
+    WithdrawalSteps,
 }
 
 impl Count {

@@ -195,12 +195,14 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         _ if c.scene.something_hits() => yes("a body flies, falls or moves, or kept bodies are released"),
         ControlMode::Hold => no("no body flies in, falls or moves"),
     }),
-    row(Stand, By("control.stand", |c| c.params.control.stand), &[StandSteps], |c| match c.control {
+    row(Stand, By("control.stand", |c| c.params.control.stand), &[WithdrawalSteps], |c| match c.control {
         ControlMode::Off => useless(NO_CONTROL),
         ControlMode::Nails => no(NO_HOLD),
         // A later event needs the control until then.
         _ if c.params.control.until.is_some() || c.scene.something_hits() => no("a later event needs the hold"),
-        ControlMode::Hold if c.fills => yes("once the pile rests, the control ends gently: the pile stands by itself"),
+        ControlMode::Hold if c.fills => {
+            yes("the control is withdrawn, from the bottom to the top: the pile stands by itself")
+        }
         ControlMode::Hold => no("nothing is filled"),
     }),
     row(EffectName::Frames, By("effects.frames", |c| c.effects.frames), &[Count::Frames], |c| {

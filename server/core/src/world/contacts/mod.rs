@@ -84,7 +84,7 @@ impl World {
         match Owner::of(collider) {
             Owner::Container => None,
             Owner::Ground => Some(PairSide::Ground),
-            Owner::Scenery => Some(PairSide::Scenery),
+            Owner::Scenery(_) | Owner::Core => Some(PairSide::Scenery),
             Owner::Body(id) => Some(PairSide::Body(id)),
             Owner::Moving(id) if self.moving[id].moves => Some(PairSide::Moving),
             Owner::Moving(_) => Some(PairSide::Scenery),

@@ -12,25 +12,26 @@ use glam::DVec3;
 impl World {
     /// One step. Returns the bodies whose state became non-finite: they are removed.
     pub fn step(&mut self) -> Vec<BodyId> {
-        match self.scenery_parts() {
-            1 => self.single_step(),
-            parts => self.step_in_parts(parts),
+        let paths = self.scenery_paths();
+        let parts = self.scenery_parts(&paths);
+        if parts == 1 {
+            return self.single_step();
         }
+        self.counters.scenery_part_steps += u64::from(parts);
+        // Moving scenery moves evenly through the step.
+        self.step_in_parts(parts, |world, part| {
+            world.place_scenery_along(&paths, f64::from(part) / f64::from(parts));
+            world.single_step()
+        })
     }
 
-    /// The step in `parts` smaller ones, through which moving scenery moves evenly.
-    fn step_in_parts(&mut self, parts: u32) -> Vec<BodyId> {
+    /// One step in `parts` smaller ones. `step`: takes one of them; it gets its number, from 1.
+    fn step_in_parts(&mut self, parts: u32, mut step: impl FnMut(&mut World, u32) -> Vec<BodyId>) -> Vec<BodyId> {
         let (dt, steps) = (self.engine.integration_parameters.dt, self.steps);
         self.engine.integration_parameters.dt = dt / parts as f32;
-        let paths = self.scenery_paths();
-        let mut lost = Vec::new();
-        for part in 1..=parts {
-            self.place_scenery_along(&paths, f64::from(part) / f64::from(parts));
-            lost.extend(self.single_step());
-        }
+        let lost = (1..=parts).flat_map(|part| step(self, part)).collect();
         self.engine.integration_parameters.dt = dt;
         self.steps = steps + 1;
-        self.counters.scenery_part_steps += u64::from(parts);
         lost
     }
 

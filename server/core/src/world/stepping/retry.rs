@@ -61,17 +61,16 @@ impl World {
                 rigid.set_angvel(was.angular, false);
             }
         }
-        let (dt, steps) = (self.engine.integration_parameters.dt, self.steps);
+        // It takes the place of the step that was taken before.
+        self.steps -= 1;
         // The impulses that contacts remember are those of a whole step: as a first guess for a small one they would
         // burst.
         let warm = std::mem::take(&mut self.engine.integration_parameters.warmstart_coefficient);
-        self.engine.integration_parameters.dt = dt / parts as f32;
-        let mut lost = self.step();
-        self.engine.integration_parameters.warmstart_coefficient = warm;
-        lost.extend((1..parts).flat_map(|_| self.step()).collect::<Vec<_>>());
-        self.engine.integration_parameters.dt = dt;
-        self.steps = steps;
-        lost
+        self.step_in_parts(parts, |world, _| {
+            let lost = world.step();
+            world.engine.integration_parameters.warmstart_coefficient = warm;
+            lost
+        })
     }
 
     /// Contacts and substeps this much stiffer and finer than the parameters have them.

@@ -8,6 +8,8 @@
 //!   wrongly.
 //! - The file states the newest version of the format, and programs refuse a version newer than their own.
 
+mod values;
+
 use openusd::sdf::{Data, Value};
 use openusd::usdc::{CrateFile, CrateWriter};
 use std::io::{Cursor, Error, Result};
@@ -74,8 +76,16 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Whether the sizes that a file states fit into the file. The crate allocates the stated sizes before it reads.
+/// Numbers that one byte may hold at most: four of two bits each, compressed 255 times.
+const MOST: usize = 4 * 255;
+
+/// Whether the sizes that a file states fit into the file. The crate allocates the stated sizes before it reads, and
+/// follows values within values without an end. It may panic.
 pub fn is_sound(bytes: &[u8]) -> bool {
+    has_sound_tables(bytes) && values::are_sound(bytes)
+}
+
+fn has_sound_tables(bytes: &[u8]) -> bool {
     /// For each section, how many numbers it begins with, and how many compressed blocks follow, each behind its size.
     const SECTIONS: [(&[u8], usize, usize); 6] = [
         (b"TOKENS", 2, 1),
@@ -85,8 +95,6 @@ pub fn is_sound(bytes: &[u8]) -> bool {
         (b"PATHS", 2, 3),
         (b"SPECS", 1, 3),
     ];
-    /// Numbers that one byte may hold at most: four of two bits each, compressed 255 times.
-    const MOST: usize = 4 * 255;
     let word = |at: usize| -> Option<usize> {
         let word: [u8; 8] = bytes.get(at..at.checked_add(8)?)?.try_into().ok()?;
         usize::try_from(u64::from_le_bytes(word)).ok().filter(|word| word / MOST <= bytes.len())

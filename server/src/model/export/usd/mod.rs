@@ -26,6 +26,7 @@ mod material;
 mod model;
 mod origin;
 mod textures;
+mod to_gltf;
 
 use super::hierarchy::BranchFrame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
@@ -33,13 +34,38 @@ use cairn_core::report::TIMED_FIGURES;
 use cairn_core::report::bake::BakedPile;
 use layer::{Encoding, Layer, short_name};
 use model::UsdStage;
-use openusd::sdf::{FieldKey, Path, Value};
+use openusd::sdf::{AbstractData, FieldKey, Path, Value};
 use openusd::tf::Token;
-use openusd::usdz::ArchiveWriter;
+use openusd::usda;
+use openusd::usdc::CrateData;
+use openusd::usdz::{Archive, ArchiveWriter};
 pub use origin::read as read_origin;
 use std::collections::HashMap;
 use std::io::{Cursor, Error};
 pub use textures::FOLDER;
+pub use to_gltf::to_gltf;
+
+/// The first bytes of the formats.
+const TEXT: &[u8] = b"#usda";
+const CRATE: &[u8] = b"PXR-USDC";
+const ZIP: &[u8] = b"PK\x03\x04";
+
+/// Whether a file begins as one of USD's formats does.
+pub fn is_usd(bytes: &[u8]) -> bool {
+    [TEXT, CRATE, ZIP].iter().any(|begin| bytes.starts_with(begin))
+}
+
+/// The layer of a file; of a package, its first one. The crate's readers may panic.
+fn open(bytes: &[u8]) -> Option<Box<dyn AbstractData + '_>> {
+    match bytes {
+        _ if bytes.starts_with(TEXT) => Some(Box::new(usda::parse(std::str::from_utf8(bytes).ok()?).ok()?)),
+        _ if bytes.starts_with(CRATE) && binary::is_sound(bytes) => {
+            Some(Box::new(CrateData::open(Cursor::new(bytes), true).ok()?))
+        }
+        _ if bytes.starts_with(ZIP) => Archive::from_reader(Cursor::new(bytes)).ok()?.read_first_layer().ok(),
+        _ => None,
+    }
+}
 
 /// The `.usdz`.
 pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {

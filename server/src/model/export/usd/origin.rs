@@ -4,13 +4,11 @@
 //! USD cannot hold lists of groups.
 
 use super::super::{ExportError, ORIGIN};
-use super::binary;
 use super::layer::Layer;
+use super::{TEXT, open};
 use openusd::sdf::{AbstractData, FieldKey, Path, Value};
-use openusd::usdc::CrateData;
-use openusd::{usda, usdz};
+use openusd::usda;
 use std::collections::HashMap;
-use std::io::Cursor;
 
 type Dictionary = HashMap<String, Value>;
 
@@ -49,9 +47,6 @@ fn text(layer: &Layer, value: &serde_json::Value) -> Option<Value> {
 
 /// The origin that a file states, in any of USD's formats; `None` if it states none.
 pub fn read(bytes: &[u8]) -> Option<serde_json::Value> {
-    const TEXT: &[u8] = b"#usda";
-    const CRATE: &[u8] = b"PXR-USDC";
-    const ZIP: &[u8] = b"PK\x03\x04";
     if bytes.starts_with(TEXT) {
         // The layer's data stands before the first prim, and no line of it begins as a prim does.
         const PRIM: &[u8] = b"\ndef ";
@@ -60,17 +55,7 @@ pub fn read(bytes: &[u8]) -> Option<serde_json::Value> {
         return read_layer(&layer, |text| text.replace("\\\\", "\\"));
     }
     // The crate's readers trust what they read: some damaged files make them panic.
-    let read = || -> Option<serde_json::Value> {
-        let layer: Box<dyn AbstractData + '_> = if bytes.starts_with(CRATE) && binary::is_sound(bytes) {
-            Box::new(CrateData::open(Cursor::new(bytes), true).ok()?)
-        } else if bytes.starts_with(ZIP) {
-            usdz::Archive::from_reader(Cursor::new(bytes)).ok()?.read_first_layer().ok()?
-        } else {
-            return None;
-        };
-        read_layer(&*layer, str::to_owned)
-    };
-    std::panic::catch_unwind(read).ok().flatten()
+    std::panic::catch_unwind(|| read_layer(&*open(bytes)?, str::to_owned)).ok().flatten()
 }
 
 fn read_layer(layer: &dyn AbstractData, plain: impl Fn(&str) -> String) -> Option<serde_json::Value> {

@@ -6,7 +6,7 @@ use crate::world::World;
 
 /// The withdrawal of the control.
 #[derive(Debug, Default)]
-pub struct GentleStop {
+pub struct Withdrawal {
     wave: Option<Wave>,
     /// Steps that it has taken so far.
     pub steps: u64,
@@ -24,7 +24,7 @@ struct Wave {
     speed: f64,
 }
 
-impl GentleStop {
+impl Withdrawal {
     /// The wave begins in this step, at this speed, d per characteristic time.
     pub fn begin(&mut self, step: u64, world: &World, speed: f64) {
         let heights = || world.present().map(|id| world.pose(id).translation.y);

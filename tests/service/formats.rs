@@ -1,0 +1,88 @@
+//! Formats of results: one bake gives all of them.
+
+use crate::server::{Server, accepted_id, assert_fault, events, fields, request, sha256, short};
+use cairn::wire::proto::bake_event::Kind;
+use cairn::wire::proto::{Artifact, DeleteBakeRequest, DownloadResultRequest, OutputFormat};
+use tonic::Code;
+
+/// The result of a bake in any format is that of a bake in this format.
+#[tokio::test]
+async fn one_bake_gives_every_format() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let formats = [
+        OutputFormat::Glb,
+        OutputFormat::Json,
+        OutputFormat::Csv,
+        OutputFormat::Usda,
+        OutputFormat::Usdc,
+        OutputFormat::Usdz,
+    ];
+    let mut made = Vec::new();
+    let mut id = String::new();
+    for own in formats {
+        let mut wanted = short(1);
+        wanted.set_format(own);
+        let stream = connection.service.bake(request(wanted)).await.unwrap().into_inner();
+        let (answer, end) = events(stream).await;
+        end.unwrap();
+        let Some(Kind::Summary(summary)) = &answer.last().unwrap().kind else { panic!("the summary last") };
+        assert!(id.is_empty() || id == accepted_id(&answer), "one bake");
+        id = accepted_id(&answer);
+        for format in formats {
+            let request = DownloadResultRequest { bake_id: id.clone(), format: format.into(), ..Default::default() };
+            let result = connection.download_file(&request).await.unwrap();
+            assert_eq!(sha256(&result.bytes), result.first.sha256);
+            if format == own {
+                assert_eq!(result.first.sha256, summary.result_sha256);
+                made.push(result.first.sha256.clone());
+            }
+            if ![OutputFormat::Json, OutputFormat::Csv].contains(&format) {
+                let origin = cairn::model::export::origin(&result.bytes).unwrap();
+                assert_eq!(origin["result_blake3"], summary.result_blake3.as_str());
+                assert_eq!(origin["request_blake3"], id.as_str());
+            }
+            let request = DownloadResultRequest { artifact: Artifact::Report.into(), ..request };
+            let report = connection.download_file(&request).await.unwrap();
+            assert_eq!(sha256(&report.bytes), report.first.sha256);
+            let report: serde_json::Value = serde_json::from_slice(&report.bytes).unwrap();
+            assert_eq!(report["output_blake3"], blake3::hash(&result.bytes).to_hex().as_str(), "{own:?} {format:?}");
+            assert_eq!(report["request_blake3"], id.as_str());
+            // The same file from either bake.
+            let place = formats.iter().position(|other| *other == format).unwrap();
+            if let Some(first) = made.get(place) {
+                assert_eq!(*first, result.first.sha256, "{format:?} of a bake in {own:?}");
+            }
+        }
+        connection.service.delete_bake(DeleteBakeRequest { bake_id: id.clone() }).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn formats_and_files_that_there_are_not() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let stream = connection.service.bake(request(short(1))).await.unwrap().into_inner();
+    let (answer, end) = events(stream).await;
+    end.unwrap();
+    let request = DownloadResultRequest { bake_id: accepted_id(&answer), ..Default::default() };
+    for (field, wrong) in [
+        ("format", DownloadResultRequest { format: 77, ..request.clone() }),
+        ("file", DownloadResultRequest { file: "textures/gone.png".into(), ..request.clone() }),
+        ("file", DownloadResultRequest { file: "../status.binpb".into(), ..request.clone() }),
+        ("file", DownloadResultRequest { file: "report.json".into(), ..request.clone() }),
+    ] {
+        let answer = connection.service.download_result(wrong).await.unwrap_err();
+        assert_eq!(fields(&assert_fault(&answer, Code::InvalidArgument, "REQUEST_INVALID")), [field]);
+    }
+    // As of an earlier server.
+    let folder = server.path("data/bakes").join(&request.bake_id);
+    for name in ["pile.postcard", "result.glb.head"] {
+        std::fs::remove_file(folder.join(name)).unwrap();
+    }
+    let own = connection.download(&request.bake_id, Artifact::Result).await.unwrap();
+    assert_eq!(own, std::fs::read(folder.join("result.glb")).unwrap());
+    let other = DownloadResultRequest { format: OutputFormat::Usdz.into(), ..request };
+    let answer = connection.service.download_result(other).await.unwrap_err();
+    assert_fault(&answer, Code::FailedPrecondition, "FORMAT_UNAVAILABLE");
+}
