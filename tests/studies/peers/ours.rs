@@ -11,12 +11,12 @@ use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::{Bake, BakedBody};
 use cairn_core::sim::glue::PileGlue;
 use cairn_core::stages::{glue, hold, release};
-use cairn_statics::glue::{GlueJoint, GluePlacement};
 use clap::ValueEnum;
 use cpu_time::ProcessTime;
 use glam::DVec3;
 use rand::SeedableRng;
 use rand::seq::index;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -111,14 +111,12 @@ fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<
     let glued = release(full, &Variant::Glued.params(full, scene))?;
     let count = glued.pile.glue.map_or(0, |glue| glue.dots.len());
     let mut sim = full.container.turn_over(&full.job.scene, params)?;
-    let sites = glue::Sites::new(&sim.pile.world, None, true);
+    let sites = glue::Sites::new(&sim.pile.world, None, true, &BTreeSet::new());
     let touches = sites.problem(DVec3::NEG_Y).sites.len();
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(params.seed);
-    let dot = |touch: usize| GlueJoint { site: touch, force: DVec3::ZERO, moment: DVec3::ZERO };
     let mut chosen = index::sample(&mut rng, touches, count.min(touches)).into_vec();
     chosen.sort_unstable();
-    let placement = GluePlacement { joints: chosen.into_iter().map(dot).collect(), ..GluePlacement::default() };
-    let dots = glue::joints(&sites, &placement, false, 0.0, 1.0);
+    let dots = chosen.into_iter().map(|touch| sites.joint(touch, DVec3::ZERO, DVec3::ZERO, 0.0, 1.0)).collect();
     sim.pile.glue = PileGlue::new(dots, false, &mut sim.pile.world, &mut sim.pile.policy);
     let begin = ProcessTime::now();
     release::run(&mut sim, params, params.release.order, false, &|_| 0.0, &mut Cpu)?;
