@@ -54,7 +54,7 @@ pub use error::Error;
 use error::SceneProblem;
 use geometry::interior::DistanceGrid;
 use geometry::pose::Pose;
-use input::observer::{Observer, Silent, Stage};
+use input::observer::{Observer, Progress, Silent, Stage};
 use input::params::{Params, ReleaseOrder};
 use input::scene::{Scene, StaticModel};
 use prepare::check::{self, CheckedScene};
@@ -74,6 +74,7 @@ use stages::hold::HoldOutcome;
 use stages::turn_over::TurnOverInputs;
 use stages::{fill, glue, hold, release, turn_over};
 use std::borrow::Cow;
+use std::ops::ControlFlow;
 use world::Units;
 
 /// Checks the scene and summarizes the bake without simulating it.
@@ -154,9 +155,16 @@ impl FullContainer {
             units: self.units,
             bodies: self.filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies),
             ground: self.checked.ground,
+            container: self.filled.as_ref().map(|(container, _)| container),
             core: self.checked.core.as_ref(),
             region: self.region(),
+            settles_first: self.settles_first(params),
         })
+    }
+
+    /// Whether the pile comes to rest before frame 0, while all that happens in the scene waits.
+    fn settles_first(&self, params: &Params) -> bool {
+        params.output.settled.is_on(self.checked.rides)
     }
 
     /// The region of the control, engine units; `None`: everywhere.
@@ -199,7 +207,10 @@ pub fn fill_container(
             let mut keeper = FrameKeeper::new(observer, cache.keeps());
             let mut filled = None;
             if let Some(container) = &container {
-                filled = Some(fill::run(scene, &shapes, params, units, container, &mut keeper)?);
+                filled = Some(match checked.piles.is_empty() {
+                    true => fill::run(scene, &shapes, params, units, container, &[], &mut keeper)?,
+                    false => fill_piles(scene, &shapes, params, &checked, &resolved, units, &mut keeper)?,
+                });
                 clock.lap(Stage::Fill, &mut keeper);
             }
             let found = CachedFill { shapes, filled, shown: keeper.into_shown() };
@@ -236,6 +247,62 @@ fn container(
         Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
         None => container,
     })
+}
+
+/// Fills several shapes, one after the other: each leaves the bodies of those before it alone.
+fn fill_piles(
+    scene: &Scene,
+    shapes: &[Shape],
+    params: &Params,
+    checked: &CheckedScene,
+    resolved: &Resolved,
+    units: Units,
+    observer: &mut dyn Observer,
+) -> Result<Filled, Error> {
+    let count = checked.piles.len();
+    let mut all: Option<(Filled, f64)> = None;
+    for (index, checked) in checked.piles.iter().enumerate() {
+        let (own, mut params) = (scene.of_pile(index), scene.params_of_pile(index, params));
+        let others = all.as_ref().map_or(&[][..], |(filled, _)| &filled.bodies);
+        let left = (params.fill.max_bodies as usize).saturating_sub(others.len());
+        params.fill.max_bodies = u32::try_from(left).unwrap_or(u32::MAX);
+        let Some(container) = container(&own, &params, checked, resolved, &units).filter(|_| left > 0) else {
+            all.iter_mut().for_each(|(filled, _)| filled.full = false);
+            break;
+        };
+        let mut part = PartOfFill { to: observer, begin: index as f64 / count as f64, share: 1.0 / count as f64 };
+        let filled = fill::run(&own, shapes, &params, units, &container, others, &mut part)?;
+        match &mut all {
+            None => all = Some((filled, container.volume)),
+            Some((joined, volume)) => {
+                *volume += container.volume;
+                joined.join(filled, container.volume / *volume);
+            }
+        }
+    }
+    all.map(|(filled, _)| filled).ok_or_else(|| Error::Internal("no shape was filled".into()))
+}
+
+/// Shows the fill of one of several shapes as a part of all.
+struct PartOfFill<'a> {
+    to: &'a mut dyn Observer,
+    begin: f64,
+    share: f64,
+}
+
+impl Observer for PartOfFill<'_> {
+    fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
+        self.to.progress(&Progress { fraction: self.begin + self.share * progress.fraction, ..*progress })
+    }
+
+    fn cpu_seconds(&mut self) -> f64 {
+        self.to.cpu_seconds()
+    }
+
+    fn wants_frames(&self) -> bool {
+        // Its frames would show one shape after the other, each without those before it.
+        false
+    }
 }
 
 /// A pile at rest, or at its last frame: all of a bake but its figures.
@@ -284,6 +351,10 @@ pub fn release_pile<'a>(
     let support = |place| container.map_or(0.0, |container| container.support(place));
     release::run(&mut sim, params, order, stands, &support, observer)?;
     clock.lap(Stage::Release, observer);
+    if full.settles_first(params) {
+        hold::settle(&mut sim, params, stands, observer)?;
+        sim.begin(observer)?;
+    }
 
     let held = hold::run(&mut sim, params, stands, observer)?;
     clock.lap(Stage::Hold, observer);

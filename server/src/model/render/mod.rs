@@ -1,10 +1,10 @@
 //! A shaded still of any glTF file, by ray casting: software only, and the same picture for any number of threads.
 
-mod animation;
+pub(in crate::model) mod animation;
 mod camera;
 mod glue;
 mod library;
-mod nodes;
+pub(in crate::model) mod nodes;
 mod ray_scene;
 mod shade;
 mod texture;
