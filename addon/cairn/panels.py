@@ -142,7 +142,7 @@ def effect_of(settings):
 
 def draw_container(layout, settings):
     """Draws whether the shape is a container, and how far it is filled."""
-    if not knows("Fill", "into") or settings.control_mesh is None:
+    if not knows("Fill", "level") or settings.control_mesh is None:
         return
     row = layout.row()
     row.use_property_split = False

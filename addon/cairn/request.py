@@ -111,7 +111,7 @@ def colliders_of(settings):
 
 def is_container(settings):
     """Whether the shape is a container that stays, and is filled."""
-    return settings.use_inside and knows("Fill", "into") and settings.control_mesh is not None
+    return settings.use_inside and knows("Fill", "level") and settings.control_mesh is not None
 
 
 def missing(settings):

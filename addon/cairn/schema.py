@@ -10,8 +10,6 @@ FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
 # Fields that the add-on sets itself, from its own properties or from Blender's scene.
 OWN = {
     *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
-    # A container is named by a file of the request.
-    ("Fill", "into"),
     ("Output", "fps"),
     ("Output", "frames"),
     ("Output", "trim"),

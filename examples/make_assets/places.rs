@@ -39,10 +39,12 @@ pub fn hills() -> Asset {
             asset.flat(&corners, &[[0, 1, 2], [0, 2, 3]], "soil");
         }
     }
-    for (i, k) in cells() {
-        let corners = [bottom(i, k), bottom(i + 1, k), bottom(i + 1, k + 1), bottom(i, k + 1)];
-        asset.flat(&corners, &[[0, 1, 2], [0, 2, 3]], "soil");
-    }
+    // Around the rim, and from its middle.
+    let rim = (0..N).map(|i| bottom(i, 0)).chain((0..N).map(|k| bottom(N, k)));
+    let rim = rim.chain((0..N).map(|i| bottom(N - i, N))).chain((0..N).map(|k| bottom(0, N - k)));
+    let corners: Vec<Point> = rim.chain([[0.0; 3]]).collect();
+    let faces: Vec<[usize; 3]> = (0..4 * N).map(|i| [i, (i + 1) % (4 * N), 4 * N]).collect();
+    asset.flat(&corners, &faces, "soil");
     asset
 }
 

@@ -24,7 +24,7 @@ def world(pile):
 
 @pytest.fixture
 def placing(desk):
-    if not desk.addon("schema").knows("Fill", "into"):
+    if not desk.addon("schema").knows("Fill", "level"):
         pytest.skip("the schema has no containers")
     desk.add_stick()
     return desk

@@ -54,8 +54,8 @@ pub use error::Error;
 use error::SceneProblem;
 use geometry::interior::DistanceGrid;
 use geometry::pose::Pose;
-use input::observer::{Observer, Progress, Silent, Stage};
-use input::params::{Params, ReleaseOrder};
+use input::observer::{Observer, Silent, Stage};
+use input::params::{Params, ReleaseOrder, Switch};
 use input::scene::{Scene, StaticModel};
 use prepare::check::{self, CheckedScene};
 use prepare::container::{Container, grid};
@@ -63,7 +63,6 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
-use prepare::surroundings::Surroundings;
 use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
@@ -72,9 +71,8 @@ use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
 use stages::turn_over::TurnOverInputs;
-use stages::{fill, glue, hold, release, turn_over};
+use stages::{containers, fill, glue, hold, release, turn_over};
 use std::borrow::Cow;
-use std::ops::ControlFlow;
 use world::Units;
 
 /// Checks the scene and summarizes the bake without simulating it.
@@ -193,7 +191,7 @@ pub fn fill_container(
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let units = units.about(scene.middle());
-    let container = container(scene, params, &checked, &resolved, &units);
+    let container = containers::of(scene, params, &checked, &resolved, &units);
     let target = checked.target().filter(|_| container.is_none());
     let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
@@ -209,7 +207,7 @@ pub fn fill_container(
             if let Some(container) = &container {
                 filled = Some(match checked.piles.is_empty() {
                     true => fill::run(scene, &shapes, params, units, container, &[], &mut keeper)?,
-                    false => fill_piles(scene, &shapes, params, &checked, &resolved, units, &mut keeper)?,
+                    false => containers::fill_all(scene, &shapes, params, &checked, &resolved, units, &mut keeper)?,
                 });
                 clock.lap(Stage::Fill, &mut keeper);
             }
@@ -224,85 +222,6 @@ pub fn fill_container(
     clock.skip(observer);
     let filled = container.zip(found.filled);
     Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached, clock })
-}
-
-/// The container, if anything is filled.
-fn container(
-    scene: &Scene,
-    params: &Params,
-    checked: &CheckedScene,
-    resolved: &Resolved,
-    units: &Units,
-) -> Option<Container> {
-    let control = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill))?;
-    let is_simplified = resolved.is_on(EffectName::WallSimplification);
-    let tolerance = if is_simplified { params.fill.wall_tolerance } else { 0.0 };
-    let container = Container::new(control, units, checked.ground, tolerance);
-    let container = match &checked.core {
-        Some(core) => container.around(core, units),
-        None => container,
-    };
-    let ground = params.ground.then_some(checked.ground);
-    Some(match Surroundings::new(scene, &control.mesh, ground) {
-        Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
-        None => container,
-    })
-}
-
-/// Fills several shapes, one after the other: each leaves the bodies of those before it alone.
-fn fill_piles(
-    scene: &Scene,
-    shapes: &[Shape],
-    params: &Params,
-    checked: &CheckedScene,
-    resolved: &Resolved,
-    units: Units,
-    observer: &mut dyn Observer,
-) -> Result<Filled, Error> {
-    let count = checked.piles.len();
-    let mut all: Option<(Filled, f64)> = None;
-    for (index, checked) in checked.piles.iter().enumerate() {
-        let (own, mut params) = (scene.of_pile(index), scene.params_of_pile(index, params));
-        let others = all.as_ref().map_or(&[][..], |(filled, _)| &filled.bodies);
-        let left = (params.fill.max_bodies as usize).saturating_sub(others.len());
-        params.fill.max_bodies = u32::try_from(left).unwrap_or(u32::MAX);
-        let Some(container) = container(&own, &params, checked, resolved, &units).filter(|_| left > 0) else {
-            all.iter_mut().for_each(|(filled, _)| filled.full = false);
-            break;
-        };
-        let mut part = PartOfFill { to: observer, begin: index as f64 / count as f64, share: 1.0 / count as f64 };
-        let filled = fill::run(&own, shapes, &params, units, &container, others, &mut part)?;
-        match &mut all {
-            None => all = Some((filled, container.volume)),
-            Some((joined, volume)) => {
-                *volume += container.volume;
-                joined.join(filled, container.volume / *volume);
-            }
-        }
-    }
-    all.map(|(filled, _)| filled).ok_or_else(|| Error::Internal("no shape was filled".into()))
-}
-
-/// Shows the fill of one of several shapes as a part of all.
-struct PartOfFill<'a> {
-    to: &'a mut dyn Observer,
-    begin: f64,
-    share: f64,
-}
-
-impl Observer for PartOfFill<'_> {
-    fn progress(&mut self, progress: &Progress) -> ControlFlow<()> {
-        self.to.progress(&Progress { fraction: self.begin + self.share * progress.fraction, ..*progress })
-    }
-
-    fn cpu_seconds(&mut self) -> f64 {
-        self.to.cpu_seconds()
-    }
-
-    fn wants_frames(&self) -> bool {
-        // Its frames would show one shape after the other, each without those before it.
-        false
-    }
 }
 
 /// A pile at rest, or at its last frame: all of a bake but its figures.
@@ -338,7 +257,12 @@ pub fn release_pile<'a>(
             // The fill is inside the container: only a region of its own matters.
             let region = full.region.as_ref().filter(|_| resolved.is_on(EffectName::Region));
             let restart = || full.turn_over_as(scene, params, &resolved);
-            Some(glue::run(&mut sim, &restart, region, params, &resolved, observer)?)
+            // What is glued to scenery that moves would stay behind.
+            let mut own = params.clone();
+            if full.checked.rides {
+                own.glue.anchor = Switch::Off;
+            }
+            Some(glue::run(&mut sim, &restart, region, &own, &resolved, observer)?)
         }
         false => None,
     };

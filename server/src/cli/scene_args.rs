@@ -19,8 +19,8 @@ pub struct SceneArgs {
     /// its scene; - is a scene file on the standard input. The flags below override it
     pub scene: Option<PathBuf>,
 
-    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome); repeat it for several
-    /// piles that lean on each other
+    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome); repeat it for
+    /// several piles that lean on each other
     #[arg(long, value_name = "FILE[#NODE]", help_heading = "Scene")]
     control: Vec<String>,
 

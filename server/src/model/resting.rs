@@ -24,8 +24,8 @@ pub enum NoResult {
 const HEADER: usize = 12;
 const CHUNK: usize = 8;
 
-/// A `.glb` of the same meshes, with every body's pose in the last frame as its own, and without animations. Bodies that
-/// never appear are left out.
+/// A `.glb` of the same meshes, with every body's pose in the last frame as its own, and without animations. Bodies
+/// that never appear are left out.
 pub fn run(bytes: &[u8]) -> Result<Vec<u8>, NoResult> {
     let document = Document::parse(bytes, &|_: &str| Err("a result holds its data itself".into()))?;
     let rest = bytes.strip_prefix(b"glTF").and(bytes.get(HEADER..HEADER + CHUNK)).ok_or(NoResult::NoGlb)?;

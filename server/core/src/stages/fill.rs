@@ -93,8 +93,8 @@ const DEPENETRATIONS: usize = 2;
 /// Settling after each of them, and after the bodies have shrunk to their size, characteristic times.
 const CLOSE_GAPS: f64 = 1.0;
 
-/// Fills the container and lets the props settle in it. `others`: bodies of other piles, which the fill leaves alone. An
-/// error if not one prop found room.
+/// Fills the container and lets the props settle in it. `others`: bodies of other piles, which the fill leaves alone.
+/// An error if not one prop found room.
 pub fn run(
     scene: &Scene,
     shapes: &[Shape],
