@@ -75,10 +75,11 @@ def test_names_of_copies_are_not_confused(placing):
 @pytest.mark.parametrize("mode", ["ANIMATION", "POSE", "POINTS"])
 def test_a_new_pile_is_built_around_the_others(placing, mode):
     first = placing.bake(output_mode=mode, kept_shape="NATURAL")
-    scene, end = bpy.context.scene, len(placing.motion.positions)
+    scene, end = bpy.context.scene, placing.addon("timing").end_of(first)
+    scene.frame_set(end)
     shown = world(first)
     scene.frame_set(1)
-    before = {shown.name: shown.matrix_world.copy() for shown in bodies_of(first)}
+    before = {body.name: body.matrix_world.copy() for body in bodies_of(first)}
     placing.control = cuboid("Beside", (0.8, 0.8, 0.5), location=(0.5, 0, 0.25))
     placing.settings.control_mesh = placing.control
     second = placing.bake(
