@@ -22,6 +22,12 @@ def world(pile):
     return np.concatenate([points for (name, _), points in shown_vertices().items() if name in names])
 
 
+def parts_of(pile):
+    """World vertices of each body of a pile."""
+    names = {body.name for body in bodies_of(pile)}
+    return [points for (name, _), points in shown_vertices().items() if name in names]
+
+
 @pytest.fixture
 def placing(desk):
     if not desk.addon("schema").knows("Fill", "level"):
@@ -103,6 +109,20 @@ def test_a_new_pile_is_built_around_the_others(placing, mode):
     assert not placing.request.spec.scene.statics
 
 
-def parts_of(pile):
-    names = {body.name for body in bodies_of(pile)}
-    return [points for (name, _), points in shown_vertices().items() if name in names]
+def test_a_pile_rides_in_a_container_that_moves(placing):
+    bpy.data.objects.remove(placing.control)
+    placing.control = placing.settings.control_mesh = crate()
+    for frame, x in ((1, 0.0), (13, 0.0), (61, 0.5)):
+        placing.control.location.x = x
+        placing.control.keyframe_insert("location", frame=frame)
+    pile = placing.bake(use_inside=True, kept_shape="NATURAL", use_frame_count=True, frame_count=72)
+    scene = placing.request.spec.scene
+    (piece,) = scene.statics
+    assert scene.fill.into == piece.path and len(piece.keyframes) > 2
+    middles = []
+    for frame in (1, 12, 73):
+        bpy.context.scene.frame_set(frame)
+        middles.append(np.array([points.mean(axis=0) for points in parts_of(pile)]))
+    # At rest in the first frame, and along with the container.
+    assert np.abs(middles[1] - middles[0]).max() < 0.01
+    assert np.median(middles[2][:, 0] - middles[0][:, 0]) == pytest.approx(0.5, abs=0.03)

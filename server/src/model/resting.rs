@@ -30,7 +30,7 @@ pub fn run(bytes: &[u8]) -> Result<Vec<u8>, NoResult> {
     let document = Document::parse(bytes, &|_: &str| Err("a result holds its data itself".into()))?;
     let rest = bytes.strip_prefix(b"glTF").and(bytes.get(HEADER..HEADER + CHUNK)).ok_or(NoResult::NoGlb)?;
     let json_length = u32::from_le_bytes([rest[0], rest[1], rest[2], rest[3]]) as usize;
-    let (_, pile) = nodes::pile(&document).ok_or(NoResult::NoPile)?;
+    let (index, pile) = nodes::pile(&document).ok_or(NoResult::NoPile)?;
     let bodies = references(pile, "children");
     let count = document.array("nodes").len();
     let mut locals = Vec::with_capacity(count);
@@ -53,10 +53,8 @@ pub fn run(bytes: &[u8]) -> Result<Vec<u8>, NoResult> {
             node.insert("scale".into(), json!(local.scale.to_array()));
         }
     }
-    for node in json.get_mut("nodes").and_then(Value::as_array_mut).into_iter().flatten() {
-        if node.get("name").and_then(Value::as_str) == Some(PILE) {
-            node["children"] = bodies.iter().filter(|body| !gone.contains(body)).copied().collect();
-        }
+    if let Some(pile) = json.get_mut("nodes").and_then(|nodes| nodes.get_mut(index)) {
+        pile["children"] = bodies.iter().filter(|body| !gone.contains(body)).copied().collect();
     }
     let mut text = serde_json::to_vec(&json).map_err(DocumentError::from)?;
     text.resize(text.len().next_multiple_of(4), b' ');
