@@ -213,7 +213,8 @@ class CairnSettings(PropertyGroup):
     active_prop: IntProperty(name="Active Prop", description="Prop whose weight and size are shown", default=0)
     colliders: PointerProperty(
         name="Colliders",
-        description="The bodies collide with every object in this collection, besides the ground",
+        description="The bodies collide with every object in this collection, besides the ground, and the fill leaves "
+        "room for them",
         type=bpy.types.Collection,
     )
     collider_friction: FloatProperty(

@@ -88,9 +88,7 @@ def test_a_new_pile_is_built_around_the_others(placing, mode):
     before = {body.name: body.matrix_world.copy() for body in bodies_of(first)}
     placing.control = cuboid("Beside", (0.8, 0.8, 0.5), location=(0.5, 0, 0.25))
     placing.settings.control_mesh = placing.control
-    second = placing.bake(
-        prop_collection=placing.props, accuracy="DRAFT", output_mode="POSE", use_ground_height=False
-    )
+    second = placing.bake(prop_collection=placing.props, accuracy="DRAFT", output_mode="POSE", use_ground_height=False)
     (piece,) = placing.request.spec.scene.statics
     (sha256,) = [asset.sha256 for asset in placing.request.spec.assets if asset.uri == piece.path]
     sent = points_of(placing.request.contents[sha256])
