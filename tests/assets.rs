@@ -53,6 +53,14 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
         ("cart", 0.1),
         ("heap", 0.184),
         ("spiral", 2.7),
+        ("hills", 19.8),
+        ("bin", 1.24 * 0.84 * 0.72 - 1.2 * 0.8 * 0.7),
+        ("pillar", 0.345),
+        ("stairs", 3.15),
+        ("rack", 0.077),
+        ("jar", 0.0024),
+        ("left", 1.35),
+        ("right", 1.35),
     ];
     let mut files: Vec<String> = std::fs::read_dir(&folder)
         .unwrap()

@@ -13,6 +13,7 @@ from mathutils.bvhtree import BVHTree
 from . import (
     axes,
     belongings,
+    others,
     outline,
     painted,
     parts,
@@ -242,6 +243,7 @@ def settling(context, collection, added=0, over=(), region="", seed=0):
     if not any(free) and not added:
         raise Fault("Nothing was changed since the pile settled. Remove, replace, move or add bodies first.")
     statics = yield from exporter.scenery(request.colliders_of(settings))
+    statics += yield from others.scenery(context, exporter, collection.cairn.control)
 
     scene_message = v1.Scene(
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),

@@ -99,6 +99,12 @@ class Exporter:
         """A mesh without an object: in the world, as arrays."""
         return self._model(name, [Mesh(vertices, triangles, Matrix())], Matrix())
 
+    def together(self, name, sources):
+        """One mesh in the world of several objects; None if they have no faces."""
+        with evaluated(self.context, sources, self.passive) as geometry:
+            meshes = [mesh for source in sources for mesh in geometry(source)]
+            return self._model(name, meshes, Matrix()) if meshes else None
+
     def scenery(self, sources):
         """Meshes in the world, one of each object that has faces, with the object."""
         models = []

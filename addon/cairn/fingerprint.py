@@ -2,7 +2,7 @@
 
 import json
 
-from . import request
+from . import others, request
 
 # With more objects or vertices, reading would be noticeable: then only the buttons ask.
 MAX_VERTICES = 500_000
@@ -31,4 +31,5 @@ def of(scene):
     for name in ("accuracy", "output_mode", "active_prop", "use_replace", "use_prop_collections"):
         values.pop(name)
     units = scene.unit_settings.scale_length, scene.render.fps, scene.use_gravity, *scene.gravity
-    return json.dumps([values, parts, units])
+    piles = [(pile.name, pile.cairn.bake_id) for pile in others.of(scene, settings.control_mesh)]
+    return json.dumps([values, parts, units, piles])

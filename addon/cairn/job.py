@@ -181,7 +181,7 @@ def ask(server, name, **fields):
 
 async def _plan(server, spec, contents, problems):
     problems = list(problems)
-    if problems and not (spec.scene.control_mesh.path and spec.scene.props):
+    if problems and not ((spec.scene.control_mesh.path or spec.scene.fill.into) and spec.scene.props):
         # No more calls are needed.
         raise Fault("", problems=problems)
     try:

@@ -44,6 +44,7 @@ class CAIRN_PT_pile(Pile, Panel):
         column.enabled = not is_running()
         column.prop(settings, "control_mesh", text="Shape")
         active = context.object
+        draw_container(column, settings)
         if settings.control_mesh is None and active and active.type == "MESH":
             column.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
         draw_source(column, settings)
@@ -100,6 +101,9 @@ class CAIRN_PT_around(_Settings, Panel):
     def draw_settings(self, layout, _, settings):
         layout.prop(settings, "colliders")
         layout.prop(settings, "collider_friction")
+        row = layout.row()
+        row.use_property_split = False
+        row.prop(settings, "use_piles")
         layout.row(heading="Ground").prop(settings, "use_ground", text="")
         if settings.use_ground:
             draw_optional(layout, settings, "ground_height", "Height")
@@ -134,6 +138,18 @@ def effect_of(settings):
     dots = known["dots"].get(settings.accuracy, 0.0)
     # The range that the plan states.
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
+
+
+def draw_container(layout, settings):
+    """Draws whether the shape is a container, and how far it is filled."""
+    if not knows("Fill", "level") or settings.control_mesh is None:
+        return
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, "use_inside")
+    if settings.use_inside:
+        for name, heading in (("share", "Share"), ("level", "Level (m)"), ("heap", "Heap (°)")):
+            draw_optional(layout, settings.fill, name, heading)
 
 
 def draw_source(layout, settings):

@@ -7,11 +7,11 @@ from . import starters
 from .following import is_running
 from .layouts import wrapped
 from .panels import Pile, draw_field, draw_optional
-from .schema import GROUPS, fields_of, knows
+from .schema import GROUPS, OF_CONTAINERS, fields_of, knows
 
 
 # Fields that other panels draw.
-DRAWN = {("Fill", "count"), ("Fill", "shell")}
+DRAWN = {("Fill", "count"), ("Fill", "shell"), *OF_CONTAINERS}
 
 
 class _Parameters(Pile):

@@ -39,6 +39,8 @@ class Extras:
     def __init__(self, v1, scene_message, exporter, settings):
         self.v1, self.scene_message, self.exporter, self.settings = v1, scene_message, exporter, settings
         self.models, self.names = [], {}
+        # The paths of colliders that move, by their objects.
+        self.moved = {}
         # Props of bodies placed by hand alone, after those of the fill; and those of bodies that stay.
         self.props, self.kept = [], []
 
@@ -115,7 +117,8 @@ class Extras:
         positions, rotations = yield from self._poses(context, sources)
         keyed = keyframes.needed(positions, rotations)
         for number, prop in enumerate(models):
-            scenery = self.scene_message.statics.add(path=self._add(prop.model, prop.source), friction=friction)
+            self.moved[prop.source] = self._add(prop.model, prop.source)
+            scenery = self.scene_message.statics.add(path=self.moved[prop.source], friction=friction)
             for frame in np.flatnonzero(keyed[:, number]):
                 key = scenery.keyframes.add(frame=float(frame))
                 self._pose(key, positions[frame, number], rotations[frame, number])

@@ -158,6 +158,11 @@ class CairnSettings(PropertyGroup):
     )
     # The one before, whose settings are kept when another is chosen.
     last_shape: PointerProperty(name="Last Shape", description="Shape whose settings these are", type=bpy.types.Object)
+    use_inside: BoolProperty(
+        name="Fill Its Inside",
+        description="The shape is a container that stays: a bowl, a jar, a crate or a cart, open at its top. The props "
+        "fill it up to its rim, and it collides with them",
+    )
     kept_shape: EnumProperty(
         name="Shape Support",
         description="How much glue keeps the pile in shape",
@@ -208,7 +213,8 @@ class CairnSettings(PropertyGroup):
     active_prop: IntProperty(name="Active Prop", description="Prop whose weight and size are shown", default=0)
     colliders: PointerProperty(
         name="Colliders",
-        description="The bodies collide with every object in this collection, besides the ground",
+        description="The bodies collide with every object in this collection, besides the ground, and the fill leaves "
+        "room for them",
         type=bpy.types.Collection,
     )
     collider_friction: FloatProperty(
@@ -217,6 +223,12 @@ class CairnSettings(PropertyGroup):
         default=0.7,
         min=0.0,
         max=2.0,
+    )
+    use_piles: BoolProperty(
+        name="Other Piles",
+        description="Build the pile around the other piles that the scene shows, as they lie in the end, and let it "
+        "lean on them",
+        default=True,
     )
     region: PointerProperty(
         name="Region",

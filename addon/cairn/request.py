@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from . import arrangement, placed, pointers
-from .client import Fault
+from . import arrangement, others, placed, pointers
+from .client import Fault, Problem
 from .export import OWN, SOLID, Exporter, metres
 from .prop_collections import members
-from .schema import GROUPS, fields_of, knows
+from .schema import GROUPS, OF_CONTAINERS, fields_of, knows
 
 # The value that a generator yields while it can only wait; and the pause of callers without other work, s.
 WAITING = "waiting"
@@ -98,13 +98,20 @@ def taken_by_others(settings):
 
 def colliders_of(settings):
     """The colliders' objects."""
+    container = [settings.control_mesh] if is_container(settings) else []
     if not settings.colliders:
-        return []
+        return container
     taken = {settings.control_mesh, settings.drop_mesh, settings.region}
     taken.update(source for source, _ in props_of(settings))
     for other in (settings.keep, settings.impact):
         taken.update(members(other) if other else ())
-    return [source for source in members(settings.colliders) if source.type in PLACED and source not in taken]
+    inside = [source for source in members(settings.colliders) if source.type in PLACED and source not in taken]
+    return container + inside
+
+
+def is_container(settings):
+    """Whether the shape is a container that stays, and is filled."""
+    return settings.use_inside and knows("Fill", "level") and settings.control_mesh is not None
 
 
 def missing(settings):
@@ -115,7 +122,8 @@ def missing(settings):
         return "Choose a mesh as the shape."
     if not props_of(settings):
         return "Choose the props of the pile: a collection of objects, or some objects in the list."
-    if not settings.use_ground and not colliders_of(settings) and not objects_of(settings.keep):
+    piles = others.of(settings.id_data, settings.control_mesh)
+    if not (settings.use_ground or colliders_of(settings) or piles or objects_of(settings.keep)):
         return "Everything would fall forever. Switch the ground on, or choose colliders."
     return ""
 
@@ -175,20 +183,22 @@ def taking(context, passive=False):
     if lacking:
         raise Fault(lacking)
     exporter = Exporter(context, passive)
-    control = exporter.region(settings.control_mesh)
+    control = None if is_container(settings) else exporter.region(settings.control_mesh)
     chosen = props_of(settings)
     props = yield from exporter.props([source for source, _ in chosen], OWN)
     colliders = colliders_of(settings)
     moving = [] if passive else placed.moving(context, colliders)
     statics = yield from exporter.scenery([source for source in colliders if source not in moving])
+    piles = yield from others.scenery(context, exporter, settings.control_mesh)
 
     scene_message = v1.Scene(
-        control_mesh=v1.ControlMesh(path=control.uri if control else ""),
         accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=settings.seed,
         gravity=gravity_of(scene),
         ground_friction=round(settings.collider_friction, 6),
     )
+    if not is_container(settings):
+        scene_message.control_mesh.path = control.uri if control else ""
     if not settings.use_ground:
         scene_message.ground = False
     if settings.use_ground_height:
@@ -197,7 +207,7 @@ def taking(context, passive=False):
     for prop, (_, item), weight in zip(props, chosen, weights):
         scene_message.props.append(prop_message(v1, prop.model.uri, item))
         scene_message.props[-1].weight = weight
-    for _, model in statics:
+    for _, model in statics + piles:
         scene_message.statics.append(v1.StaticModel(path=model.uri, friction=round(settings.collider_friction, 6)))
     extras = placed.Extras(v1, scene_message, exporter, settings)
     yield from extras.add_moving(context, moving)
@@ -205,6 +215,13 @@ def taking(context, passive=False):
     extras.add_drops()
     yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
     _set_parameters(v1, scene_message, settings)
+    if is_container(settings):
+        paths = {source: model.uri for source, model in statics} | extras.moved
+        if settings.control_mesh in paths:
+            scene_message.fill.into = paths[settings.control_mesh]
+        else:
+            message = f"“{settings.control_mesh.name}” has no faces. Choose a container with an inside."
+            exporter.problems.append(Problem(message, settings.control_mesh.name))
     scene_message.output.fps = scene.render.fps / scene.render.fps_base
     if settings.use_frame_count:
         scene_message.output.frames = settings.frame_count
@@ -212,18 +229,19 @@ def taking(context, passive=False):
         # Frames in which nothing is to be seen would only be in the way of the next shot.
         scene_message.output.trim = True
 
-    models = [*(prop.model for prop in props), *(model for _, model in statics), *extras.models]
+    models = [*(prop.model for prop in props), *(model for _, model in statics + piles), *extras.models]
     names = {}
     if control:
         models.insert(0, control)
         names[control.uri] = settings.control_mesh.name
     assets = [v1.AssetReference(uri=model.uri, sha256=model.sha256) for model in models]
     names.update((prop.model.uri, prop.source.name) for prop in props)
-    names.update((model.uri, source.name) for source, model in statics)
+    names.update((model.uri, source.name) for source, model in statics + piles)
     names.update(extras.names)
     props += extras.props
     # The server may count where it does not name.
-    counted = {"props": [prop.source for prop in props[: len(chosen)]], "statics": [source for source, _ in statics]}
+    scenery = [source for source, _ in statics + piles]
+    counted = {"props": [prop.source for prop in props[: len(chosen)]], "statics": scenery}
     for kind, sources in counted.items():
         names.update((f"{kind}.{number}", source.name) for number, source in enumerate(sources))
     missed = left_out(settings)
@@ -307,6 +325,8 @@ def _set_parameters(v1, scene_message, settings):
         group = getattr(settings, name, None)
         for field in fields_of(message) if group else ():
             if not getattr(group, "use_" + field["name"]):
+                continue
+            if (message, field["name"]) in OF_CONTAINERS and not is_container(settings):
                 continue
             value = getattr(group, field["name"])
             if field["kind"] == "enum":

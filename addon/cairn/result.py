@@ -281,7 +281,11 @@ def _remember(scene, collection, recipe, record, mode, control):
     note.use_prop_collections = recipe.get("settings", {}).get("use_prop_collections", False)
     note.bake_id = record.get("bake_id", "")
     note.result_hash = record.get("result_hash", "")
-    if control:
+    is_container = recipe.get("settings", {}).get("use_inside", False)
+    if control and is_container:
+        visibility.unveil(scene, control, stays=True)
+        show_only(scene, collection)
+    elif control:
         said = visibility.veil(scene, control)
         if said:
             recipe["notes"] = [*recipe.get("notes", ()), said]

@@ -10,8 +10,6 @@ FIELDS = json.loads((Path(__file__).parent / "fields.json").read_text())
 # Fields that the add-on sets itself, from its own properties or from Blender's scene.
 OWN = {
     *(("Fill", name) for name in ("order", "surface", "shake", "layout", "sort_by", "descending", "gaps")),
-    # A container is named by a file of the request: the panel has no place for it.
-    *(("Fill", name) for name in ("into", "level", "share", "heap")),
     ("Output", "fps"),
     ("Output", "frames"),
     ("Output", "trim"),
@@ -20,6 +18,8 @@ OWN = {
     ("Glue", "mode"),
     ("Glue", "strength"),
 }
+# Fields that say how far a container is filled.
+OF_CONTAINERS = {("Fill", name) for name in ("level", "share", "heap")}
 # Names of groups in the settings, by message: those whose fields have values in the accuracy's preset.
 GROUPS = {
     "Physics": "physics",
@@ -40,12 +40,14 @@ TITLES = {
     "contact_tolerance": "Contact Gap (Share)",
     "full_below": "Full Below (Share)",
     "growth": "Growth (Relative)",
+    "heap": "Heap (°)",
     "height": "Height (Share)",
     "interval_natural": "Interval (Relative)",
     "interval_seconds": "Interval (s)",
     "kappa": "Nail Strength (N·s/kg)",
     "least_seconds": "At Least (s)",
     "layer": "Layer (Sizes)",
+    "level": "Level (m)",
     "neighbours": "Neighbors",
     "overlap": "Overlap (Share)",
     "patience": "Patience (Relative)",
@@ -54,6 +56,7 @@ TITLES = {
     "residual_overlap": "Overlap Left (Share)",
     "round": "Round (Share)",
     "settle": "Settle (Relative)",
+    "settled": "Settle Before Start",
     "shape_gap": "Shape Gap (Share)",
     "shape_tolerance": "Shape Tolerance (Share)",
     "shell": "Only Near the Surface",

@@ -67,13 +67,15 @@ def veil(scene, control):
     return ""
 
 
-def unveil(scene, control):
-    """Shows a shape as before its first pile, but for what the artist has changed since."""
+def unveil(scene, control, stays=False):
+    """Shows a shape as before its first pile, but for what the artist has changed since. `stays`: even if it has a
+    pile."""
     note = control.cairn
     if note.is_hidden_here:
         _hide_here(scene, control, False)
         note.is_hidden_here = False
-    if not note.is_veiled or any(c.cairn.is_result and c.cairn.control == control for c in bpy.data.collections):
+    is_used = any(c.cairn.is_result and c.cairn.control == control for c in bpy.data.collections)
+    if not note.is_veiled or is_used and not stays:
         return
     note.is_veiled = False
     control.hide_render = note.was_hidden_in_render

@@ -4,6 +4,7 @@
 
 mod asset;
 mod file;
+mod places;
 mod shapes;
 mod vector;
 
@@ -48,6 +49,15 @@ fn main() -> std::io::Result<()> {
         ("wall", block([3.0, 1.6, 0.245], "control")),
         ("tower", block([1.25, 2.6, 1.25], "control")),
         ("heap", heap([0.55, 0.33], CART_RIM, 0.37)),
+        // What piles lie on, in and around.
+        ("hills", places::hills()),
+        ("bin", places::bin()),
+        ("pillar", places::pillar()),
+        ("stairs", places::stairs()),
+        ("rack", places::rack()),
+        ("jar", places::jar()),
+        ("left", places::beside(-0.75)),
+        ("right", places::beside(0.75)),
     ];
     for (name, asset) in assets {
         std::fs::write(folder.join(name).with_extension("glb"), asset.to_glb(name))?;

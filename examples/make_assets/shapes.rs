@@ -246,7 +246,7 @@ pub fn revolved(profile: &[[f64; 2]]) -> Asset {
 }
 
 /// A profile of (radius, height) from one point on the axis up to another, turned around it.
-fn turned(profile: &[[f64; 2]], material: &'static str) -> Asset {
+pub fn turned(profile: &[[f64; 2]], material: &'static str) -> Asset {
     const SIDES: usize = 48;
     let mut asset = Asset::default();
     let at = |[r, y]: [f64; 2], k: usize| {

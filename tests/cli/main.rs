@@ -3,6 +3,7 @@
 mod bad_input;
 mod bake;
 mod batch;
+mod beside;
 mod cost;
 mod desk;
 mod effects;

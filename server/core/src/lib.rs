@@ -55,7 +55,7 @@ use error::SceneProblem;
 use geometry::interior::DistanceGrid;
 use geometry::pose::Pose;
 use input::observer::{Observer, Silent, Stage};
-use input::params::{Params, ReleaseOrder};
+use input::params::{Params, ReleaseOrder, Switch};
 use input::scene::{Scene, StaticModel};
 use prepare::check::{self, CheckedScene};
 use prepare::container::{Container, grid};
@@ -63,7 +63,6 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
-use prepare::surroundings::Surroundings;
 use report::bake::{Bake, BakedPile, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
@@ -72,7 +71,7 @@ use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
 use stages::turn_over::TurnOverInputs;
-use stages::{fill, glue, hold, release, turn_over};
+use stages::{containers, fill, glue, hold, release, turn_over};
 use std::borrow::Cow;
 use world::Units;
 
@@ -154,9 +153,16 @@ impl FullContainer {
             units: self.units,
             bodies: self.filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies),
             ground: self.checked.ground,
+            container: self.filled.as_ref().map(|(container, _)| container),
             core: self.checked.core.as_ref(),
             region: self.region(),
+            settles_first: self.settles_first(params),
         })
+    }
+
+    /// Whether the pile comes to rest before frame 0, while all that happens in the scene waits.
+    fn settles_first(&self, params: &Params) -> bool {
+        params.output.settled.is_on(self.checked.rides)
     }
 
     /// The region of the control, engine units; `None`: everywhere.
@@ -175,6 +181,7 @@ pub fn fill_container(
     let mut checked = check::run(scene, params).map_err(Error::Invalid)?;
     // The container has them from here on.
     let surroundings = checked.surroundings.take();
+    let of_piles: Vec<_> = checked.piles.iter_mut().map(|pile| pile.surroundings.take()).collect();
     let mut clock = Clock::new(observer);
 
     let inputs = FillInputs::new(scene, params, &checked, observer.wants_frames());
@@ -187,7 +194,7 @@ pub fn fill_container(
     let resolved = Resolved::new(scene, params, &checked, &summaries(&shapes));
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let units = units.about(scene.middle());
-    let container = container(scene, params, &checked, surroundings, &resolved, &units);
+    let container = containers::of(scene, params, &checked, surroundings, &resolved, &units);
     let target = checked.target().filter(|_| container.is_none());
     let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
@@ -201,7 +208,13 @@ pub fn fill_container(
             let mut keeper = FrameKeeper::new(observer, cache.keeps());
             let mut filled = None;
             if let Some(container) = &container {
-                filled = Some(fill::run(scene, &shapes, params, units, container, &mut keeper)?);
+                filled = Some(match checked.piles.is_empty() {
+                    true => fill::run(scene, &shapes, params, units, container, &[], &mut keeper)?,
+                    false => {
+                        let piles = checked.piles.iter().zip(of_piles);
+                        containers::fill_all(scene, &shapes, params, piles, &resolved, units, &mut keeper)?
+                    }
+                });
                 clock.lap(Stage::Fill, &mut keeper);
             }
             let found = CachedFill { shapes, filled, shown: keeper.into_shown() };
@@ -215,29 +228,6 @@ pub fn fill_container(
     clock.skip(observer);
     let filled = container.zip(found.filled);
     Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached, clock })
-}
-
-/// The container, if anything is filled.
-fn container(
-    scene: &Scene,
-    params: &Params,
-    checked: &CheckedScene,
-    surroundings: Option<Surroundings>,
-    resolved: &Resolved,
-    units: &Units,
-) -> Option<Container> {
-    let control = checked.control.as_ref().filter(|_| resolved.is_on(EffectName::Fill))?;
-    let is_simplified = resolved.is_on(EffectName::WallSimplification);
-    let tolerance = if is_simplified { params.fill.wall_tolerance } else { 0.0 };
-    let container = Container::new(control, units, checked.ground, tolerance);
-    let container = match &checked.core {
-        Some(core) => container.around(core, units),
-        None => container,
-    };
-    Some(match surroundings {
-        Some(surroundings) => container.apart_from(surroundings, scene, &checked.sizes),
-        None => container,
-    })
 }
 
 /// A pile at rest, or at its last frame: all of a bake but its figures.
@@ -273,7 +263,12 @@ pub fn release_pile<'a>(
             // The fill is inside the container: only a region of its own matters.
             let region = full.region.as_ref().filter(|_| resolved.is_on(EffectName::Region));
             let restart = || full.turn_over_as(scene, params, &resolved);
-            Some(glue::run(&mut sim, &restart, region, params, &resolved, observer)?)
+            // What is glued to scenery that moves would stay behind.
+            let mut own = params.clone();
+            if full.checked.rides {
+                own.glue.anchor = Switch::Off;
+            }
+            Some(glue::run(&mut sim, &restart, region, &own, &resolved, observer)?)
         }
         false => None,
     };
@@ -286,6 +281,10 @@ pub fn release_pile<'a>(
     let support = |place| container.map_or(0.0, |container| container.support(place));
     release::run(&mut sim, params, order, stands, &support, observer)?;
     clock.lap(Stage::Release, observer);
+    if full.settles_first(params) {
+        hold::settle(&mut sim, params, stands, observer)?;
+        sim.begin(observer)?;
+    }
 
     let held = hold::run(&mut sim, params, stands, observer)?;
     clock.lap(Stage::Hold, observer);

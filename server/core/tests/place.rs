@@ -5,7 +5,7 @@ mod common;
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Params};
+use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Params, Switch};
 use cairn_core::input::scene::Model;
 use cairn_core::input::scene::{Keyframe, Prop, Scene, StaticModel};
 use cairn_core::prepare::check::{self, CheckedScene};
@@ -334,4 +334,26 @@ fn each_warning_about_scenery_has_its_cause() {
         let others = cases.iter().map(|(_, _, other)| *other).filter(|other| other != words && *other != "-");
         others.for_each(|other| assert!(!has(other), "{case}: {said:?}"));
     }
+}
+
+/// A pile on a tip has room for no prop there: glued, it is set down on the table that carries its shape.
+#[test]
+fn a_narrow_foot_is_set_down_on_scenery() {
+    let cone = common::cone(0.5, 0.8);
+    let points = cone.points.iter().map(|p| DVec3::new(p.x, 1.3 - p.y, p.z)).collect();
+    let triangles = cone.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
+    let tip = TriMesh { points, triangles };
+    let table = piece("table", at(block(DVec3::new(2.0, 0.1, 2.0)), DVec3::Y * 0.45));
+    let scene = Scene { statics: vec![table], ..scene(tip, block(DVec3::new(0.16, 0.08, 0.1))) };
+    let lowest = |anchor: Switch| {
+        let mut params = draft(FillMethod::Insert);
+        params.glue.mode = GlueMode::AsModelled;
+        params.glue.anchor = anchor;
+        params.output.frames = Some(0);
+        let first = bake(&scene, &params);
+        corners(&scene, &first).into_iter().flatten().map(|p| p.y).fold(f64::INFINITY, f64::min)
+    };
+    let (free, set_down) = (lowest(Switch::Off), lowest(Switch::Auto));
+    assert!(free > 0.52, "the tip has room for no brick: the lowest corner is at {free} m");
+    assert!((set_down - 0.5).abs() < 0.01, "the lowest corner is at {set_down} m, the table at 0.5 m");
 }

@@ -63,9 +63,9 @@ impl Assets {
 fn fill_hash(scene: &Scene, params: &Params, assets: &[Asset], names: &PortableNames) -> blake3::Hash {
     let Params { seed, gravity, ground, ground_height, physics, base, fill, .. } = params;
     let given = (seed, gravity, ground, ground_height, physics, base, fill);
-    let Scene { control_mesh, props, bodies, .. } = scene;
+    let Scene { control_mesh, props, bodies, piles, around, .. } = scene;
     let files: Vec<_> = assets.iter().map(|asset| (asset.uri(names), &asset.sha256)).collect();
-    blake3::hash(format!("{given:?} {control_mesh:?} {props:?} {bodies:?} {files:?}").as_bytes())
+    blake3::hash(format!("{given:?} {control_mesh:?} {props:?} {bodies:?} {piles:?} {around:?} {files:?}").as_bytes())
 }
 
 /// Whether result and report exist, belong to this request, and are undamaged.

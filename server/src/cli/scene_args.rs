@@ -19,9 +19,10 @@ pub struct SceneArgs {
     /// its scene; - is a scene file on the standard input. The flags below override it
     pub scene: Option<PathBuf>,
 
-    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome)
+    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome); repeat it for
+    /// several piles that lean on each other
     #[arg(long, value_name = "FILE[#NODE]", help_heading = "Scene")]
-    control: Option<String>,
+    control: Vec<String>,
 
     /// Prop of the pile; repeat it for several. The weight is its frequency relative to the others [default: 1]
     #[arg(long = "prop", value_name = "FILE[#NODE][:WEIGHT]", help_heading = "Scene")]
@@ -30,6 +31,10 @@ pub struct SceneArgs {
     /// Scenery that never moves, at its location in its file; repeat it for several
     #[arg(long = "static", value_name = "FILE[#NODE]", help_heading = "Scene")]
     statics: Vec<String>,
+
+    /// Result of an earlier bake (.glb) to build around: its bodies stand as in its last frame; repeat it for several
+    #[arg(long, value_name = "FILE", help_heading = "Scene")]
+    around: Vec<String>,
 
     /// Accuracy preset; `paper` is the method's original setting, `standard` the default
     #[arg(long, value_parser = accuracy_names(), help_heading = "Scene")]
@@ -93,15 +98,24 @@ impl SceneArgs {
             Some(path) if is_result(path) => provenance::scene(path, self.assets.as_deref()).map_err(Failure::Input)?,
             Some(path) if output::is_stdout(path) => from_stdin()?,
             Some(path) => SceneTree::load(path).map_err(Failure::Input)?,
-            None if self.control.is_none() && self.props.is_empty() && self.set.is_empty() => {
+            None if self.control.is_empty() && self.props.is_empty() && self.set.is_empty() => {
                 let remedy = "Give a scene file, or --control and --prop; see --help for examples.";
                 return Err(Failure::usage("command line", "no scene is given", remedy));
             }
             None => SceneTree::default(),
         };
         let mut problems = Vec::new();
-        if let Some(control) = &self.control {
-            tree.put("control_mesh", json!({ "path": control }));
+        match &*self.control {
+            [] => {}
+            [control] => tree.put("control_mesh", json!({ "path": control })),
+            several => {
+                let piles = several.iter().map(|path| json!({ "path": path })).collect();
+                tree.put("piles", Value::Array(piles));
+            }
+        }
+        if !self.around.is_empty() {
+            let around = self.around.iter().map(|path| json!({ "path": path })).collect();
+            tree.put("around", Value::Array(around));
         }
         if !self.props.is_empty() {
             let props = self.props.iter().filter_map(|prop| {
@@ -140,9 +154,10 @@ impl SceneArgs {
             values.iter().flat_map(|value| given(name, value)).collect()
         };
         let mut args: Vec<OsString> = self.scene.iter().map(|path| path.clone().into_os_string()).collect();
-        args.extend(flag("--control", self.control.as_slice()));
+        args.extend(flag("--control", &self.control));
         args.extend(flag("--prop", &self.props));
         args.extend(flag("--static", &self.statics));
+        args.extend(flag("--around", &self.around));
         args.extend(flag("--accuracy", self.accuracy.as_slice()));
         args.extend(self.seed.iter().flat_map(|seed| given("--seed", seed)));
         args.extend(self.frames.iter().flat_map(|frames| given("--frames", frames)));

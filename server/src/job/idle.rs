@@ -20,7 +20,7 @@ pub fn notes(given: &proto::Scene, effective: &proto::Scene, params: &Params, is
             &["mode"],
             "nothing is glued; set glue=as_modelled, or tacky",
         ),
-        (given.control_mesh.is_none(), "fill", &["method", "upright"], "there is no control mesh to fill"),
+        (!has_shape(given), "fill", &["method", "upright"], "there is no control mesh to fill"),
     ];
     let (given, all) = (SceneTree::from_message(given).to_value(), SceneTree::from_message(effective).to_value());
     let sentence = |(is_idle, group, but, why): (bool, &str, &[&str], &str)| {
@@ -34,6 +34,12 @@ pub fn notes(given: &proto::Scene, effective: &proto::Scene, params: &Params, is
         })
     };
     groups.into_iter().filter_map(sentence).collect()
+}
+
+/// Whether there is anything to fill.
+fn has_shape(given: &proto::Scene) -> bool {
+    let has_container = given.fill.as_ref().is_some_and(|fill| fill.into.is_some());
+    given.control_mesh.is_some() || has_container || !given.piles.is_empty()
 }
 
 /// The fields of a group that are set. A text in the place of a group is its mode.

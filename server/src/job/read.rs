@@ -4,6 +4,7 @@ use super::machine::Meter;
 use super::sources::{InputFile, PortableNames, Reference};
 use super::{Job, Refused};
 use crate::files::{Disk, FileSource};
+use crate::model::resting;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::effective::effective;
@@ -12,7 +13,7 @@ use crate::wire::proto;
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{EmitterVolume, Keyframe, Model, Prop, Scene, StaticModel, UprightRule};
+use cairn_core::input::scene::{EmitterVolume, Keyframe, Model, PileShape, Prop, Scene, StaticModel, UprightRule};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -39,7 +40,14 @@ impl Job {
         let effective = effective(scene, &params);
         let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
         let has_container = scene.fill.as_ref().is_some_and(|fill| fill.into.is_some());
-        if control.is_none() && !has_container && scene.bodies.is_empty() && scene.emitters.is_empty() {
+        let has_piles = !scene.piles.is_empty();
+        if has_piles && (control.is_some() || has_container) {
+            let what = "there is another shape, too";
+            let problem =
+                Problem::new("piles", what, "Leave piles, control_mesh or fill.into out, but for one of them.");
+            reader.problems.push(problem.of_field("piles"));
+        }
+        if control.is_none() && !has_container && !has_piles && scene.bodies.is_empty() && scene.emitters.is_empty() {
             let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
             let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
             reader.problems.push(problem.of_field("control_mesh"));
@@ -55,6 +63,13 @@ impl Job {
         let statics = effective.statics.iter().enumerate();
         let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, extra.keys(i, model))).collect();
         let (statics, static_models): (Vec<Reference>, Vec<StaticModel>) = read.into_iter().unzip();
+        let piles = effective.piles.iter().enumerate().map(|(i, pile)| {
+            let (props, seed) = extra.pile(i, pile);
+            PileShape { control: reader.model(&format!("piles.{i}"), &pile.path).1, props, seed }
+        });
+        let piles: Vec<PileShape> = piles.collect();
+        let around = effective.around.iter().enumerate().map(|(i, result)| reader.earlier(i, result));
+        let around: Vec<StaticModel> = around.collect();
         let bodies = effective.bodies.iter().enumerate().map(|(i, body)| extra.body(i, body)).collect();
         let emitter = |(i, emitter): (usize, &proto::Emitter)| {
             let place = |mesh: &String| EmitterVolume::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
@@ -70,10 +85,12 @@ impl Job {
         let ladder = ladder.collect();
         let control = match effective.fill.as_ref().and_then(|fill| fill.into.as_ref()) {
             Some(name) => reader.inside(name, control, &effective.statics, &static_models, (&prop_models, &params)),
-            None => control,
+            None => control.or_else(|| together(&piles)),
         };
         let given = scene;
-        let scene = Scene { control, region, props: prop_models, statics: static_models, bodies, emitters };
+        // Earlier results come behind the scenery that the new one shows.
+        let statics_and_around = static_models.into_iter().chain(around).collect();
+        let scene = Scene { control, piles, region, props: prop_models, statics: statics_and_around, bodies, emitters };
         reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
@@ -140,13 +157,14 @@ impl SceneReader {
 
     fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
         let reference = Reference::new(path);
-        let (mesh, is_skinned) = self.mesh(field, &reference).unwrap_or_default();
+        let (mesh, is_skinned) = self.mesh(field, &reference, false).unwrap_or_default();
         let name = reference.name.clone();
         (reference, Model { name, mesh, is_skinned })
     }
 
-    /// The mesh of a model, and whether it has a skin.
-    fn mesh(&mut self, field: &str, reference: &Reference) -> Option<(TriMesh, bool)> {
+    /// The mesh of a model, and whether it has a skin. `of_result`: of the bodies of an earlier result, as they lie in
+    /// the end.
+    fn mesh(&mut self, field: &str, reference: &Reference, of_result: bool) -> Option<(TriMesh, bool)> {
         if reference.file.as_os_str().is_empty() {
             let field = format!("{field}.path");
             let problem = Problem::new(&field, "it is empty", "Name a .glb or .gltf file.");
@@ -173,10 +191,19 @@ impl SceneReader {
         let source = Source {
             name: &file.name,
             bytes: &file.bytes,
-            node: reference.node.as_deref(),
+            node: reference.node.as_deref().or(of_result.then_some(resting::PILE)),
             resolve: &*file.resolve,
             limits: self.limits,
         };
+        let at_rest = match of_result.then(|| resting::run(&file.bytes)).transpose() {
+            Ok(bytes) => bytes,
+            Err(error) => {
+                let remedy = "Name a .glb that `cairn bake` wrote.";
+                self.problems.push(Problem::new(&reference.name, error.to_string(), remedy).of_field(field));
+                return None;
+            }
+        };
+        let source = Source { bytes: at_rest.as_deref().unwrap_or(&file.bytes), ..source };
         match asset::read(&source) {
             Ok(asset) => {
                 self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
@@ -240,7 +267,11 @@ impl SceneReader {
             let stem = file.rsplit_once('.').map_or(file, |(stem, _)| stem);
             path == name || file == name || node == Some(name) || node.is_none() && stem == name
         };
-        let found: Vec<usize> = (0..statics.len()).filter(|&i| is_meant(&statics[i].path)).collect();
+        let mut found: Vec<usize> = (0..statics.len()).filter(|&i| is_meant(&statics[i].path)).collect();
+        let exact: Vec<usize> = found.iter().copied().filter(|&i| statics[i].path == name).collect();
+        if exact.len() == 1 {
+            found = exact;
+        }
         let all = || statics.iter().map(|model| &*model.path).collect::<Vec<_>>().join(", ");
         let &[index] = found.as_slice() else {
             return match (found.len(), statics.len()) {
@@ -262,10 +293,36 @@ impl SceneReader {
         }
     }
 
+    /// An earlier result, as scenery.
+    fn earlier(&mut self, index: usize, given: &proto::EarlierResult) -> StaticModel {
+        let field = format!("around.{index}");
+        let reference = Reference::new(&given.path);
+        if reference.node.is_some() {
+            let problem = Problem::new(&given.path, "it names a node of a result", "Name the file alone.");
+            self.problems.push(problem.of_field(&format!("{field}.path")));
+        }
+        let friction = given.friction();
+        if !(0.0..=2.0).contains(&friction) {
+            let field = format!("{field}.friction");
+            let problem = Problem::new(&field, format!("{friction} is out of range"), "Give a value from 0 to 2.");
+            self.problems.push(problem.of_field(&field));
+        }
+        let (mesh, _) = self.mesh(&field, &reference, true).unwrap_or_default();
+        StaticModel { model: Model::new(reference.name, mesh), friction, keys: Vec::new() }
+    }
+
     fn scenery(&mut self, index: usize, given: &proto::StaticModel, keys: Vec<Keyframe>) -> (Reference, StaticModel) {
         let (reference, model) = self.model(&format!("statics.{index}"), &given.path);
         (reference, StaticModel { model, friction: given.friction(), keys })
     }
+}
+
+/// Several shapes as one.
+fn together(piles: &[PileShape]) -> Option<Model> {
+    let names: Vec<&str> = piles.iter().map(|pile| &*pile.control.name).collect();
+    let mut mesh = TriMesh::default();
+    piles.iter().for_each(|pile| mesh.append(&pile.control.mesh));
+    (!piles.is_empty()).then(|| Model::new(names.join(", "), mesh))
 }
 
 /// A sentence's beginning.

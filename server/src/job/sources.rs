@@ -76,11 +76,15 @@ pub fn rename(scene: &mut proto::Scene, change: impl Fn(&str) -> String) {
     let shapes = scene.control_mesh.iter_mut().chain(&mut scene.region).map(|shape| &mut shape.path);
     let props = scene.props.iter_mut().map(|prop| &mut prop.path);
     let statics = scene.statics.iter_mut().map(|model| &mut model.path);
+    let piles = scene.piles.iter_mut().map(|pile| &mut pile.path);
+    let around = scene.around.iter_mut().map(|result| &mut result.path);
     let meshes = scene.emitters.iter_mut().filter_map(|emitter| emitter.mesh.as_mut());
     shapes
         .chain(props)
         .chain(statics)
         .chain(meshes)
+        .chain(piles)
+        .chain(around)
         .filter(|path| !path.is_empty())
         .for_each(|path| *path = change(path));
 }
@@ -90,6 +94,9 @@ pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
     let shapes = scene.control_mesh.iter().chain(&scene.region).map(|shape| &shape.path);
     let props = scene.props.iter().map(|prop| &prop.path);
     let statics = scene.statics.iter().map(|model| &model.path);
+    let results = scene.around.iter().map(|result| &result.path);
+    let others = scene.piles.iter().map(|pile| &pile.path).chain(results);
+    let shapes = shapes.chain(others);
     let paths = shapes.chain(props).chain(statics).chain(scene.emitters.iter().flat_map(|emitter| &emitter.mesh));
     paths.map(|path| Reference::new(path).file).filter(|file| !file.as_os_str().is_empty()).collect()
 }

@@ -181,7 +181,8 @@ fn rebase(scene: &mut Value, folder: &Path) {
             join("path", shape);
         }
     }
-    for (list, field) in [("props", "path"), ("statics", "path"), ("emitters", "mesh")] {
+    let lists = [("props", "path"), ("statics", "path"), ("emitters", "mesh"), ("piles", "path"), ("around", "path")];
+    for (list, field) in lists {
         let elements = scene.get_mut(list).and_then(Value::as_array_mut).into_iter().flatten();
         elements.for_each(|model| join(field, model));
     }

@@ -12,6 +12,8 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         bodies: scene.bodies.clone(),
         emitters: scene.emitters.clone(),
         region: scene.region.clone(),
+        piles: scene.piles.clone(),
+        around: scene.around.clone(),
         ..parameters::to_scene(params)
     };
     if let Some(fill) = &mut effective.fill {

@@ -15,6 +15,8 @@ pub struct Scene {
     pub region: Option<Model>,
     /// At least one. A body is a copy of one of these, scaled and placed.
     pub props: Vec<Prop>,
+    /// Several shapes, each filled on its own; `control` is then all of them together. Empty: `control` is one shape.
+    pub piles: Vec<PileShape>,
     /// Scenery (besides the ground), as placed in the world.
     pub statics: Vec<StaticModel>,
     /// Placed by hand.
@@ -36,6 +38,17 @@ impl Model {
     pub fn new(name: impl Into<String>, mesh: TriMesh) -> Model {
         Model { name: name.into(), mesh, is_skinned: false }
     }
+}
+
+/// One of several shapes of a scene.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct PileShape {
+    /// Closed.
+    pub control: Model,
+    /// Indices into the scene's props; empty: all, by weight.
+    pub props: Vec<usize>,
+    /// Of its fill; `None`: from the scene's seed and its place in the list.
+    pub seed: Option<u64>,
 }
 
 /// A model of which bodies are copies. Its mesh is in the prop's own frame.
@@ -100,6 +113,9 @@ impl Prop {
         libm::pow(SKEW, self.scale_skew)
     }
 }
+
+/// Seeds of several shapes differ by this.
+const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// The power for a skew of 1: the median is then at 1/16 of the range.
 const SKEW: f64 = 4.0;
@@ -219,6 +235,24 @@ impl Scene {
     /// The shape that the pile is measured against: the control mesh, or else the region.
     pub fn target(&self) -> Option<&Model> {
         self.control.as_ref().or(self.region.as_ref())
+    }
+
+    /// The scene of one of several shapes alone: its own props have a weight.
+    pub fn of_pile(&self, index: usize) -> Scene {
+        let pile = &self.piles[index];
+        let mut props = self.props.clone();
+        for (i, prop) in props.iter_mut().enumerate() {
+            if !pile.props.is_empty() && !pile.props.contains(&i) {
+                prop.weight = 0.0;
+            }
+        }
+        Scene { control: Some(pile.control.clone()), props, piles: Vec::new(), ..self.clone() }
+    }
+
+    /// The parameters of its fill. The first of several shapes is filled as the only one would be.
+    pub fn params_of_pile(&self, index: usize, params: &Params) -> Params {
+        let own = || params.seed.wrapping_add((index as u64).wrapping_mul(SEED_STEP));
+        Params { seed: self.piles[index].seed.unwrap_or_else(own), ..params.clone() }
     }
 
     /// A height below all models, placed bodies and emitters, m: a bound, not exact for moving scenery. Infinite for an

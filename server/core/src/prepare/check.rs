@@ -31,6 +31,10 @@ pub struct CheckedScene {
     pub region: Option<ClosedMesh>,
     /// The core of a pile of which only the surface is made of props.
     pub core: Option<Core>,
+    /// Several shapes, each by itself.
+    pub piles: Vec<CheckedScene>,
+    /// Scenery that moves carries the pile.
+    pub rides: bool,
     /// Shares of the control mesh's volume and surface that scenery leaves, where there is some.
     room: Option<(f64, f64)>,
     /// The scenery around the control mesh, where there is some and it is to be filled.
@@ -100,6 +104,7 @@ impl FieldChecks<'_> {
 
 /// Checks scene and parameters.
 pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProblem>> {
+    let piles = piles(scene, params)?;
     let mut found = Findings { problems: params.problems(), warnings: Vec::new() };
     let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, &mut found));
     let region = scene.region.as_ref().and_then(|model| closed("region", "region", model, &mut found));
@@ -177,9 +182,44 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
     let mass = |i: usize| sizes[i].volume * scene.props[i].density;
     warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
-    let room = standing.room;
-    let surroundings = standing.around.map(|around| around.on_ground(params.ground.then_some(ground)));
-    Ok(CheckedScene { diameter, ground, control, region, core, room, surroundings, sizes, shares, warnings })
+    let (room, rides) = (standing.room, standing.rides);
+    let ground_plane = params.ground.then_some(ground);
+    let on_ground = |around: Option<Surroundings>| around.map(|around| around.on_ground(ground_plane));
+    let own =
+        |pile: CheckedScene| CheckedScene { diameter, ground, surroundings: on_ground(pile.surroundings), ..pile };
+    let piles = piles.into_iter().map(own).collect();
+    let surroundings = on_ground(standing.around);
+    Ok(CheckedScene {
+        diameter,
+        ground,
+        control,
+        region,
+        core,
+        piles,
+        rides,
+        room,
+        surroundings,
+        sizes,
+        shares,
+        warnings,
+    })
+}
+
+/// Checks each of several shapes by itself.
+fn piles(scene: &Scene, params: &Params) -> Result<Vec<CheckedScene>, Vec<SceneProblem>> {
+    let (mut checked, mut problems) = (Vec::new(), Vec::<SceneProblem>::new());
+    for index in 0..scene.piles.len() {
+        match run(&scene.of_pile(index), params) {
+            Ok(pile) => checked.push(pile),
+            Err(found) => problems.extend(found.into_iter().map(|problem| match &*problem.field {
+                "control_mesh" => SceneProblem { field: format!("piles.{index}"), ..problem },
+                _ => problem,
+            })),
+        }
+    }
+    let mut known = std::collections::BTreeSet::new();
+    problems.retain(|problem| known.insert(problem.text.clone()));
+    if problems.is_empty() { Ok(checked) } else { Err(problems) }
 }
 
 /// A closed mesh as it will be used: welded, its parts facing outward. Every repair is a warning.

@@ -53,8 +53,8 @@ pub struct SceneryMesh {
     pub friction: f64,
 }
 
-/// Scenery that is farther from the container than this, d, meets no prop of the fill.
-const FAR: f64 = 4.0;
+/// What is farther from the container than this, d, meets no prop of the fill.
+pub const FAR: f64 = 4.0;
 
 /// A face is steep if its normal's share along Y is less than this: at more than 45 degrees.
 const STEEP: f64 = 0.7;
@@ -189,6 +189,12 @@ impl Container {
         let Some(around) = &self.surroundings else { return 0.0 };
         let carrier = around.carrier(self.units.point_to_si(p));
         carrier.map_or(self.base, |carrier| self.units.height_to_engine(carrier.height).max(self.base))
+    }
+
+    /// Whether scenery carries the shape: one of its corners is no higher above it than this, d.
+    pub fn is_carried(&self, most: f64) -> bool {
+        let reaches = |p: &DVec3| p.y - self.support(*p + DVec3::Y * most) <= most;
+        self.surroundings.is_some() && self.mesh.points.iter().any(reaches)
     }
 
     /// The parts of a vertical line that scenery leaves free, from below; `None` without scenery.

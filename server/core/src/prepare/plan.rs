@@ -75,6 +75,11 @@ const MISSING: f64 = 0.55;
 
 /// Bodies that the fill will place: fewer where `fill.full_below` ends it sooner.
 pub(crate) fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedScene) -> usize {
+    if !checked.piles.is_empty() {
+        let pile = |(i, checked)| filled_bodies(&scene.of_pile(i), params, checked);
+        let all: usize = checked.piles.iter().enumerate().map(pile).sum();
+        return all.min(params.fill.max_bodies as usize);
+    }
     let filled = checked.filled(scene, params);
     let usual = Params::new(Accuracy::Standard).fill.full_below;
     let full = 1.0 - MISSING * (params.fill.full_below - usual).max(0.0);

@@ -25,7 +25,7 @@ const NARROW: f64 = 1.0;
 /// Warnings about the container, and about bodies that were removed from it.
 pub fn container(inputs: &ReportInputs, container: &Container, filled: &Filled) -> Vec<String> {
     let mut warnings = Vec::new();
-    if container.remeshed {
+    if container.remeshed && inputs.scene.piles.is_empty() {
         let spacing = container.distance.spacing() * inputs.plan.prop_diameter;
         warnings.push(format!(
             "{}: filled inside a surface around the union of its parts, sampled every {spacing:.3} m",

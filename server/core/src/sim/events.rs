@@ -27,6 +27,8 @@ pub struct Events<'a> {
     until: Option<(f64, bool)>,
     /// s after frame 0, at the end of the step to come.
     time: f64,
+    /// The step at which frame 0 is; `None`: it is still to come.
+    first_step: Option<u64>,
     /// Whether the scene has any events.
     has_any: bool,
 }
@@ -51,8 +53,9 @@ const PATIENCE: f64 = 20.0;
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
 impl<'a> Events<'a> {
-    /// The events of a pile's scene; those due at the beginning happen at once.
-    pub fn new(pile: &mut Pile<'a>, params: &Params) -> Result<Events<'a>, Error> {
+    /// The events of a pile's scene; those due at the beginning happen at once, or where they wait, by
+    /// [`Events::begin`].
+    pub fn new(pile: &mut Pile<'a>, params: &Params, waits: bool) -> Result<Events<'a>, Error> {
         let scene = pile.scene;
         let mut late: Vec<&PlacedBody> = scene.bodies.iter().filter(|body| !body.is_stacked()).collect();
         late.sort_by(|a, b| a.start.total_cmp(&b.start));
@@ -78,6 +81,7 @@ impl<'a> Events<'a> {
             moving: Vec::new(),
             until: params.control.until.map(|time| (time, params.control.stand == Switch::On)),
             time: 0.0,
+            first_step: (!waits).then_some(0),
             has_any: false,
         };
         for model in scene.statics.iter().filter(|model| !model.keys.is_empty()) {
@@ -85,13 +89,29 @@ impl<'a> Events<'a> {
             events.moving.push((added.map_err(Error::Internal)?, model));
         }
         events.late.reverse();
-        events.add_late(pile)?;
+        if !waits {
+            events.add_late(pile)?;
+        }
         events.has_any = scene.something_hits() || events.until.is_some();
         Ok(events)
     }
 
-    /// No event is to come.
+    /// Frame 0 is now.
+    pub fn begin(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
+        self.first_step = Some(pile.step);
+        self.add_late(pile)
+    }
+
+    /// The step at which frame 0 was.
+    pub fn first_step(&self) -> u64 {
+        self.first_step.unwrap_or(0)
+    }
+
+    /// No event is to come before anything else happens.
     pub fn are_over(&self) -> bool {
+        if self.first_step.is_none() {
+            return true;
+        }
         let at_end = |model: &StaticModel| model.keys.last().is_none_or(|key| key.time < self.time);
         self.late.is_empty()
             && self.pinned.is_empty()
@@ -102,12 +122,10 @@ impl<'a> Events<'a> {
 
     /// Carries out the events that are due in the coming step.
     pub fn before_step(&mut self, pile: &mut Pile<'a>) -> Result<(), Error> {
-        if !self.has_any {
-            return Ok(());
-        }
+        let Some(first) = self.first_step.filter(|_| self.has_any) else { return Ok(()) };
         let step = pile.world.step_length() * pile.world.units.time;
         // An event at the end of a step belongs to it, whatever the rounding, as a frame does.
-        self.time = (pile.step as f64 + 1.0 + 1e-9) * step;
+        self.time = ((pile.step - first) as f64 + 1.0 + 1e-9) * step;
         for &(id, model) in &self.moving {
             pile.world.move_scenery(id, &model.pose_at(self.time));
         }
@@ -140,7 +158,7 @@ impl<'a> Events<'a> {
         while let Some(body) = self.late.pop_if(|body| body.start <= self.time) {
             // Its own time is within the step: it starts from where it reaches its pose at that time.
             let step = pile.world.step_length() * pile.world.units.time;
-            let begin = pile.step as f64 * step;
+            let begin = (pile.step - self.first_step()) as f64 * step;
             let mut placed = body.clone();
             placed.pose.translation -= body.velocity * (body.start - begin).clamp(0.0, step);
             pile.disturb();

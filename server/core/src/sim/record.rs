@@ -35,6 +35,8 @@ const NEAR: f64 = 0.1;
 /// Collects frames while a world runs. Poses are those of the bodies (center of mass), engine units.
 pub struct Recorder {
     pace: Pace,
+    /// No frame is due before it starts again.
+    pub waits: bool,
     time: f64,
     /// Frames due so far, without frame 0.
     due: usize,
@@ -60,6 +62,7 @@ impl Recorder {
         let first = poses(world, &[]);
         Recorder {
             pace,
+            waits: false,
             time: 0.0,
             due: 0,
             last: first.clone(),
@@ -103,6 +106,10 @@ impl Recorder {
     /// Called after every step.
     pub fn step(&mut self, world: &World) {
         let now = poses(world, &self.last);
+        if self.waits {
+            self.last = now;
+            return;
+        }
         let length = world.step_length();
         loop {
             let due = (self.due + 1) as f64 * self.pace.interval;

@@ -88,13 +88,35 @@ pub struct Simulation<'a> {
 
 impl<'a> Simulation<'a> {
     /// `pile`: turned over, with all bodies of the beginning. `depth`: below it, engine units, bodies have fallen past
-    /// all of the scene.
-    pub fn new(mut pile: Pile<'a>, guard: Guard, depth: Option<f64>, params: &Params) -> Result<Simulation<'a>, Error> {
-        let events = Events::new(&mut pile, params)?;
+    /// all of the scene. `settles_first`: nothing happens and no frame is recorded until [`Simulation::begin`].
+    pub fn new(
+        mut pile: Pile<'a>,
+        guard: Guard,
+        depth: Option<f64>,
+        params: &Params,
+        settles_first: bool,
+    ) -> Result<Simulation<'a>, Error> {
+        let events = Events::new(&mut pile, params, settles_first)?;
         pile.recorder.restart(&pile.world);
+        pile.recorder.waits = settles_first;
         let show = FramePublisher::new(&params.output);
         let seconds = Seconds::default();
         Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, moving: 0, seconds })
+    }
+
+    /// Frame 0 is now: what waited for it begins.
+    pub fn begin(&mut self, observer: &mut dyn Observer) -> Result<(), Error> {
+        self.pile.policy.set_quiet(0.0);
+        self.pile.latest_event = self.pile.step;
+        self.events.begin(&mut self.pile)?;
+        self.pile.recorder.restart(&self.pile.world);
+        self.show(observer, Stage::Hold);
+        Ok(())
+    }
+
+    /// The step at which frame 0 was.
+    pub fn first_step(&self) -> u64 {
+        self.events.first_step()
     }
 
     /// No event and no end of the control is to come.
@@ -104,6 +126,9 @@ impl<'a> Simulation<'a> {
 
     /// Shows the frames that were recorded since.
     pub fn show(&mut self, observer: &mut dyn Observer, stage: Stage) {
+        if self.pile.recorder.waits {
+            return;
+        }
         self.show.run(&self.pile, observer, stage);
     }
 

@@ -4,7 +4,7 @@
 
 use crate::input::observer::{Frame, FrameBody, Observer, Progress, Stage};
 use crate::input::params::{Base, Fill, Params, Physics};
-use crate::input::scene::{Model, PlacedBody, Prop, Scene, StaticModel};
+use crate::input::scene::{Model, PileShape, PlacedBody, Prop, Scene, StaticModel};
 use crate::prepare::check::CheckedScene;
 use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
@@ -14,6 +14,7 @@ use std::ops::ControlFlow;
 #[derive(Debug, serde::Serialize)]
 pub struct FillInputs<'a> {
     control: &'a Option<Model>,
+    piles: &'a [PileShape],
     props: &'a [Prop],
     /// As it stands in the first frame: the fill leaves room for it.
     statics: &'a [StaticModel],
@@ -42,6 +43,7 @@ impl<'a> FillInputs<'a> {
     ) -> FillInputs<'a> {
         FillInputs {
             control: &scene.control,
+            piles: &scene.piles,
             props: &scene.props,
             statics: &scene.statics,
             has_ground: params.ground,

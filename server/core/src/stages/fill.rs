@@ -52,6 +52,29 @@ pub struct Removed {
     pub cutting: usize,
 }
 
+impl Filled {
+    /// Adds another pile. `share`: of its volume in that of both.
+    pub fn join(&mut self, other: Filled, share: f64) {
+        let Removed { sticking_out, overlapping, escaped, cutting } = other.removed;
+        self.bodies.extend(other.bodies);
+        self.removed.sticking_out += sticking_out;
+        self.removed.overlapping += overlapping;
+        self.removed.escaped += escaped;
+        self.removed.cutting += cutting;
+        self.steps += other.steps;
+        self.depenetration_steps += other.depenetration_steps;
+        self.full &= other.full;
+        self.pockets += share * (other.pockets - self.pockets);
+        self.shaken = match (self.shaken, other.shaken) {
+            (Some(a), Some(b)) => Some(Shaken { steps: a.steps + b.steps, taken_back: a.taken_back || b.taken_back }),
+            (one, another) => one.or(another),
+        };
+        self.wall_triangles_saved += other.wall_triangles_saved;
+        self.wall_deviation = self.wall_deviation.max(other.wall_deviation);
+        self.counters.add(&other.counters);
+    }
+}
+
 /// Outcome of shaking.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Shaken {
@@ -70,20 +93,22 @@ const DEPENETRATIONS: usize = 2;
 /// Settling after each of them, and after the bodies have shrunk to their size, characteristic times.
 const CLOSE_GAPS: f64 = 1.0;
 
-/// Fills the container and lets the props settle in it. An error if not one prop found room.
+/// Fills the container and lets the props settle in it. `others`: bodies of other piles, which the fill leaves alone.
+/// An error if not one prop found room.
 pub fn run(
     scene: &Scene,
     shapes: &[Shape],
     params: &Params,
     units: Units,
     container: &Container,
+    others: &[Instance],
     observer: &mut dyn Observer,
 ) -> Result<Filled, Error> {
     let task = FillTask::new(scene, shapes, params, units, container);
     let (fill, wanted) = (&params.fill, task.wanted());
     let mut method = method::of(fill.method);
     let mut filling = Filling::new(task, method.gravity(task.height()), true);
-    filling.place_given()?;
+    filling.place_given(others)?;
     let zones = Zones::new(&task, &mut filling.rng);
     let poured = if method.is_open() { Some(fill_open(&mut *method, &mut filling, observer)?) } else { None };
 

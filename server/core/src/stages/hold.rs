@@ -97,6 +97,34 @@ pub fn run(
     stands: bool,
     observer: &mut dyn Observer,
 ) -> Result<HoldOutcome, Error> {
+    let held = until_rest(sim, params, stands, params.output.frames, observer)?;
+    sim.pile.recorder.mark();
+    if let Some(n) = params.output.frames {
+        sim.pile.recorder.fit(n as usize);
+        sim.show(observer, Stage::Hold);
+    }
+    if params.output.trim {
+        let first = sim.first_step();
+        let Pile { recorder, world, latest_event, .. } = &mut sim.pile;
+        recorder.trim(world, *latest_event - first);
+    }
+    sim.show_end(observer, Stage::Hold);
+    Ok(held)
+}
+
+/// Simulates until the pile is at rest or patience is over, before frame 0.
+pub fn settle(sim: &mut Simulation, params: &Params, stands: bool, observer: &mut dyn Observer) -> Result<(), Error> {
+    until_rest(sim, params, stands, None, observer).map(|_| ())
+}
+
+/// The simulation of [`run`], to this frame at most.
+fn until_rest(
+    sim: &mut Simulation,
+    params: &Params,
+    stands: bool,
+    last_frame: Option<u32>,
+    observer: &mut dyn Observer,
+) -> Result<HoldOutcome, Error> {
     let step = sim.pile.world.step_length();
     let patience = (params.hold.patience / step).ceil() as u64;
     let rest_steps = (REST_TIME / step).ceil() as u64;
@@ -113,7 +141,7 @@ pub fn run(
         } else if rests && sim.pile.step - begin >= least_steps {
             break;
         }
-        let ended = match params.output.frames {
+        let ended = match last_frame {
             Some(n) => sim.pile.recorder.count() >= n as usize,
             None => sim.is_left_alone() && sim.pile.step - begin >= patience.max(least_steps),
         };
@@ -144,16 +172,6 @@ pub fn run(
         }
     }
     let at_rest = counters.few_rock >= rest_steps;
-    sim.pile.recorder.mark();
-    if let Some(n) = params.output.frames {
-        sim.pile.recorder.fit(n as usize);
-        sim.show(observer, Stage::Hold);
-    }
-    if params.output.trim {
-        let Pile { recorder, world, latest_event, .. } = &mut sim.pile;
-        recorder.trim(world, *latest_event);
-    }
-    sim.show_end(observer, Stage::Hold);
     let resting_speed_max = top_speed.max(sim.top_speed);
     Ok(HoldOutcome { at_rest, moving: sim.moving, resting_speed_max, rest: rest.filter(|_| at_rest) })
 }

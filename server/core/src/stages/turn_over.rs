@@ -5,9 +5,10 @@ use crate::geometry::interior::DistanceGrid;
 use crate::input::params::{Params, Switch};
 use crate::input::scene::Scene;
 use crate::prepare::check::FLOATING;
+use crate::prepare::container::Container;
 use crate::prepare::container::core::Core;
 use crate::prepare::effects::{EffectName, Resolved};
-use crate::prepare::shape::Shape;
+use crate::prepare::shape::{Shape, corners};
 use crate::sim::control::PileControl;
 use crate::sim::guard::Guard;
 use crate::sim::instance::Instance;
@@ -16,6 +17,7 @@ use crate::sim::policy::Policy;
 use crate::sim::record::{Pace, Recorder};
 use crate::sim::step::Simulation;
 use crate::world::{Units, World};
+use glam::DVec3;
 
 /// A pile before it is turned over.
 pub struct TurnOverInputs<'a, 'r> {
@@ -28,10 +30,14 @@ pub struct TurnOverInputs<'a, 'r> {
     pub bodies: &'r [Instance],
     /// Height of the ground, m.
     pub ground: f64,
+    /// What was filled.
+    pub container: Option<&'r Container>,
     /// Stands in the pile, where only its surface is made of props.
     pub core: Option<&'a Core>,
     /// The region of the control, engine units; `None`: everywhere.
     pub region: Option<&'a DistanceGrid>,
+    /// The pile comes to rest before frame 0, and before anything happens.
+    pub settles_first: bool,
 }
 
 impl TurnOverInputs<'_, '_> {
@@ -72,19 +78,19 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
         set_down(&mut pile, bodies.len(), inputs);
     }
     pile.world.zero_step();
-    Simulation::new(pile, guard, depth, params)
+    Simulation::new(pile, guard, depth, params, inputs.settles_first)
 }
 
-/// A pile on a tip or a round foot may have room below it for no prop: it is set down on the ground.
+/// A pile on a tip or a round foot may have room below it for no prop: it is set down on the ground, or on scenery.
 fn set_down(pile: &mut Pile, filled: usize, inputs: &TurnOverInputs) {
-    let gap = pile.world.lowest(0..filled) - inputs.units.height_to_engine(inputs.ground);
-    if !(inputs.params.ground
-        && inputs.scene.statics.is_empty()
-        && inputs.core.is_none()
-        && gap > 0.0
-        && inputs.stands()
-        && gap.is_finite())
-    {
+    let (is_on_ground, gap) = match inputs.container.filter(|container| container.is_carried(FLOATING)) {
+        Some(container) => (true, gap_to_scenery(pile, filled, container)),
+        None => {
+            let gap = pile.world.lowest(0..filled) - inputs.units.height_to_engine(inputs.ground);
+            (inputs.params.ground && inputs.scene.statics.is_empty() && inputs.stands(), gap)
+        }
+    };
+    if !(is_on_ground && inputs.core.is_none() && gap > 0.0 && gap.is_finite()) {
         return;
     }
     for id in 0..filled {
@@ -92,6 +98,19 @@ fn set_down(pile: &mut Pile, filled: usize, inputs: &TurnOverInputs) {
         pose.translation.y -= gap;
         pile.world.put(id, pose);
     }
+}
+
+/// The least height of a body's corner above what carries its place, d.
+fn gap_to_scenery(pile: &Pile, filled: usize, container: &Container) -> f64 {
+    let length = pile.world.units.length;
+    let gap = |body: &Instance| {
+        let heights = corners(&pile.shapes[body.prop], body.scale / length, &body.pose).map(|p| {
+            // A corner that has sunk in a little is still above it.
+            p.y - container.support(p + DVec3::Y * FLOATING)
+        });
+        heights.fold(f64::INFINITY, f64::min)
+    };
+    pile.instances[..filled].iter().map(gap).fold(f64::INFINITY, f64::min)
 }
 
 /// A world with the ground, the core and all scenery that stands still.

@@ -1,10 +1,10 @@
 //! A shaded still of any glTF file, by ray casting: software only, and the same picture for any number of threads.
 
-mod animation;
+pub(in crate::model) mod animation;
 mod camera;
 mod glue;
 mod library;
-mod nodes;
+pub(in crate::model) mod nodes;
 mod ray_scene;
 mod shade;
 mod texture;
@@ -123,8 +123,8 @@ pub fn render(
     let to_unit = DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / size), DQuat::IDENTITY, -middle / size);
     let seen: Vec<DVec3> = subject.iter().map(|p| to_unit.transform_point3(*p)).collect();
 
-    // At rest, the pile's lowest point is on the ground.
-    let at_rest = loaded.points(&loaded.at_end, loaded.at_end.iter().any(|p| p.in_pile));
+    // At rest, the lowest point of the pile and of its scenery, such as a table, is on the ground.
+    let at_rest = loaded.points(&loaded.at_end, false);
     let ground = bounds(&at_rest).0.y.min(bounds(&pile).0.y);
     let rays = RayScene::new(&loaded.library, &loaded.placed, to_unit);
     if rays.is_empty() {

@@ -6,7 +6,8 @@ use cairn_gltf::document::{self, DocumentError, LocalTransform, Object, referenc
 use glam::{DAffine3, DMat4};
 use serde_json::Value;
 
-const PILE: &str = "pile";
+/// The name of the node that holds the bodies.
+pub const PILE: &str = "pile";
 
 /// A mesh somewhere in the world.
 pub struct PlacedMesh {

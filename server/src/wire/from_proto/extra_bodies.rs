@@ -1,4 +1,4 @@
-//! Converts placed bodies, emitters and moving scenery from the wire. Defaults are already filled in.
+//! Converts placed bodies, emitters, several shapes and moving scenery from the wire. Defaults are already filled in.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;
@@ -82,6 +82,20 @@ impl<'a> ExtraBodies<'a> {
             velocity: self.vector(&field("velocity"), &emitter.velocity),
             start,
         }
+    }
+
+    /// The props and the seed of one of several shapes.
+    pub fn pile(&mut self, index: usize, pile: &proto::Pile) -> (Vec<usize>, Option<u64>) {
+        let field = |name: &str| format!("piles.{index}.{name}");
+        let props = (0..).zip(&pile.props).map(|(i, name)| self.prop(&field(&format!("props.{i}")), name)).collect();
+        let seed = pile.seed.and_then(|seed| {
+            u64::try_from(seed)
+                .map_err(|_| {
+                    self.report(&field("seed"), format!("{seed} is out of range"), "Give 0 to 9223372036854775807.");
+                })
+                .ok()
+        });
+        (props, seed)
     }
 
     pub fn keys(&mut self, index: usize, model: &proto::StaticModel) -> Vec<Keyframe> {

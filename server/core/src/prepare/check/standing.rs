@@ -20,6 +20,8 @@ pub struct Standing {
     pub room: Option<(f64, f64)>,
     /// The scenery around the shape.
     pub around: Option<Surroundings>,
+    /// What carries the pile moves.
+    pub rides: bool,
     pub warnings: Vec<String>,
 }
 
@@ -70,6 +72,8 @@ pub fn of(
     if carried as f64 > MOST * lowest_part().count() as f64 {
         let pieces = lowest_part().filter_map(|column| Some(around.lowest_of(column.carrier?.piece)));
         standing.ground = pieces.reduce(f64::min).filter(|_| params.ground_height.is_none());
+        let moves = |column: &&Column| column.carrier.is_some_and(|on| !scene.statics[on.piece].keys.is_empty());
+        standing.rides = lowest_part().filter(moves).count() as f64 > MOST * carried as f64;
     }
     let ground = params.ground.then_some(standing.ground.unwrap_or(ground));
     let error = grid.spacing() * diameter / 2.0;

@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::input::observer::Observer;
 use crate::input::params::Params;
 use crate::input::scene::Scene;
-use crate::prepare::container::Container;
+use crate::prepare::container::{Container, FAR};
 use crate::prepare::packing::{Room, expected_bodies};
 use crate::prepare::shape::{Shape, Size};
 use crate::sim::instance::{self, Instance};
@@ -125,13 +125,23 @@ impl<'a> Filling<'a> {
         self.world.set_gravity(direction * self.gravity);
     }
 
-    /// Pins the bodies that the scene placed: the others are filled in around them.
-    pub fn place_given(&mut self) -> Result<(), Error> {
+    /// Pins the bodies that the scene placed, and those of other piles near the container: the others are filled in
+    /// around them.
+    pub fn place_given(&mut self, others: &[Instance]) -> Result<(), Error> {
         for given in self.task.scene.bodies.iter().filter(|body| body.is_stacked()) {
             let pose = self.task.shapes[given.prop].body_pose(&given.pose, given.scale);
             let pose = self.task.units.pose_to_engine(&pose);
             let id = self.insert(Instance { prop: given.prop, scale: given.scale, pose })?;
             self.world.pin(id);
+        }
+        let (low, high) = (self.task.container.low, self.task.container.high);
+        for other in others {
+            let reach = FAR + self.task.shapes[other.prop].radius * other.scale / self.task.units.length;
+            let center = other.pose.translation;
+            if center.cmpge(low - reach).all() && center.cmple(high + reach).all() {
+                let id = self.insert(*other)?;
+                self.world.pin(id);
+            }
         }
         Ok(())
     }

@@ -30,3 +30,29 @@ pub struct WorldCounters {
     /// Times that a pile that bobbed got more substeps.
     pub calmed: u64,
 }
+
+impl WorldCounters {
+    /// Adds those of another world.
+    pub fn add(&mut self, other: &WorldCounters) {
+        let WorldCounters {
+            awake_body_steps,
+            pair_steps,
+            speculative_body_steps,
+            ccd_body_steps,
+            rolling_body_steps,
+            resisted_body_steps,
+            scenery_part_steps,
+            rocking_looks,
+            calmed,
+        } = other;
+        self.awake_body_steps += awake_body_steps;
+        self.pair_steps += pair_steps;
+        self.speculative_body_steps += speculative_body_steps;
+        self.ccd_body_steps += ccd_body_steps;
+        self.rolling_body_steps += rolling_body_steps;
+        self.resisted_body_steps += resisted_body_steps;
+        self.scenery_part_steps += scenery_part_steps;
+        self.rocking_looks += rocking_looks;
+        self.calmed += calmed;
+    }
+}

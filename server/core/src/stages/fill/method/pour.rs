@@ -5,6 +5,7 @@ use super::{Method, Pass};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::Observer;
+use crate::prepare::container::Container;
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::Filling;
 use crate::stages::fill::world::EnclosureMeshes;
@@ -66,6 +67,13 @@ impl Method for Pour {
     }
 }
 
+/// Whether scenery, such as a pole, leaves less than this much room above a place.
+fn is_barred(container: &Container, place: DVec3, least: f64) -> bool {
+    let Some(free) = container.free_along(place) else { return false };
+    let room = free.iter().map(|[low, high]| high.min(container.high.y) - low.max(container.base));
+    room.fold(f64::NEG_INFINITY, f64::max) < least
+}
+
 /// Bodies whose centre of mass is above the base, ascending.
 fn inside(filling: &Filling) -> Vec<BodyId> {
     let is_inside = |&id: &BodyId| filling.world.pose(id).translation.y > filling.task.container.base;
@@ -93,6 +101,9 @@ fn drop_batch(filling: &mut Filling, pass: &Pass, most: usize) -> Result<(), Err
         let opening = DVec3::new(at.x, container.base + depth, at.z);
         // The rim of the opening is a side of the collar: keep clear of it as far as the opening allows.
         if container.shell().signed_distance(opening) > -shape.thickness() * size {
+            continue;
+        }
+        if is_barred(container, opening, shape.thickness() * size) {
             continue;
         }
         let y = container.base - COLLAR + radius + share.y * (COLLAR - 2.0 * radius).max(0.0);
