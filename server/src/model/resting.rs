@@ -70,3 +70,29 @@ pub fn run(bytes: &[u8]) -> Result<Vec<u8>, NoResult> {
     glb.extend_from_slice(others);
     Ok(glb)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_result_that_keeps_its_data_elsewhere_is_refused() {
+        let mut json = json!({
+            "asset": { "version": "2.0" },
+            "scene": 0,
+            "scenes": [{ "nodes": [0] }],
+            "nodes": [{ "name": PILE }],
+            "buffers": [{ "byteLength": 4, "uri": "elsewhere.bin" }],
+        })
+        .to_string()
+        .into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let length = |bytes: usize| u32::try_from(bytes).unwrap().to_le_bytes();
+        let mut glb = b"glTF".to_vec();
+        glb.extend([2u32.to_le_bytes(), length(HEADER + CHUNK + json.len()), length(json.len())].concat());
+        glb.extend(b"JSON");
+        glb.extend(json);
+        let error = run(&glb).unwrap_err().to_string();
+        assert!(error.contains("a result holds its data itself"), "{error}");
+    }
+}

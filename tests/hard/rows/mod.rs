@@ -212,7 +212,8 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "chain",
-        "8 rings that hang in each other: no faster than 0.5 m/s, each stays below the one above as far as both shapes are exact, rest",
+        "8 rings that hang in each other: no faster than 0.5 m/s, each stays below the one above as far as both \
+         shapes are exact, rest",
         places::chain,
         BOTH,
         ALL,

@@ -79,7 +79,8 @@ impl<'p, 'a> Trials<'p, 'a> {
     }
 }
 
-/// Releases a pile with these joints for [`TRIAL_TIME`] at most, awake, without control and without the `absent` bodies.
+/// Releases a pile with these joints for [`TRIAL_TIME`] at most, awake, without control and without the `absent`
+/// bodies.
 pub fn release_trial(
     mut sim: Simulation,
     joints: &[Joint],
