@@ -81,8 +81,17 @@ mod tests {
             "asset": { "version": "2.0" },
             "scene": 0,
             "scenes": [{ "nodes": [0] }],
-            "nodes": [{ "name": PILE }],
-            "buffers": [{ "byteLength": 4, "uri": "elsewhere.bin" }],
+            "nodes": [{ "name": PILE, "children": [1] }, { "name": "stick" }],
+            "buffers": [{ "byteLength": 16, "uri": "elsewhere.bin" }],
+            "bufferViews": [{ "buffer": 0, "byteLength": 16 }],
+            "accessors": [
+                { "bufferView": 0, "componentType": 5126, "count": 1, "type": "SCALAR", "min": [0.0], "max": [0.0] },
+                { "bufferView": 0, "byteOffset": 4, "componentType": 5126, "count": 1, "type": "VEC3" },
+            ],
+            "animations": [{
+                "channels": [{ "sampler": 0, "target": { "node": 1, "path": "translation" } }],
+                "samplers": [{ "input": 0, "output": 1 }],
+            }],
         })
         .to_string()
         .into_bytes();
