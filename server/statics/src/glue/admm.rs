@@ -139,6 +139,40 @@ impl<'p> Admm<'p> {
         near: f64,
         going: &mut Going,
     ) -> Result<(), GlueError> {
+        self.run_until(weights, limits, near, |_, _| false, going)
+    }
+
+    /// Iterates until the joints that carry more than `least` are settled, or as [`Admm::run`] to [`NEAR`].
+    pub fn settle(
+        &mut self,
+        weights: &GlueWeights,
+        limits: IterationLimits,
+        least: f64,
+        going: &mut Going,
+    ) -> Result<(), GlueError> {
+        let (mut before, mut steady) = (self.joints(least), 0);
+        let is_settled = |admm: &Self, k: u64| {
+            if !k.is_multiple_of(LOOK_AT_CHOICE) {
+                return false;
+            }
+            let now = admm.joints(least);
+            let changed = different(&before, &now);
+            steady = if changed as f64 <= CHANGED * now.len() as f64 { steady + 1 } else { 0 };
+            before = now;
+            steady == STEADY
+        };
+        self.run_until(weights, limits, NEAR, is_settled, going)
+    }
+
+    /// As [`Admm::run`], or until `ends` after that many iterations.
+    fn run_until(
+        &mut self,
+        weights: &GlueWeights,
+        limits: IterationLimits,
+        near: f64,
+        mut ends: impl FnMut(&Self, u64) -> bool,
+        going: &mut Going,
+    ) -> Result<(), GlueError> {
         for k in 1..=limits.most {
             if going().is_break() {
                 return Err(GlueError::Cancelled);
@@ -150,38 +184,8 @@ impl<'p> Admm<'p> {
                     break;
                 }
             }
-        }
-        Ok(())
-    }
-
-    /// Iterates until the joints that carry more than `least` are settled, or as [`Admm::run`].
-    pub fn settle(
-        &mut self,
-        weights: &GlueWeights,
-        limits: IterationLimits,
-        least: f64,
-        going: &mut Going,
-    ) -> Result<(), GlueError> {
-        let (mut before, mut steady) = (self.joints(least), 0);
-        for k in 1..=limits.most {
-            if going().is_break() {
-                return Err(GlueError::Cancelled);
-            }
-            let (apart, moved) = self.iterate(weights);
-            if k % LOOK == 0 {
-                self.even_out(apart, moved * self.penalty);
-                if k >= limits.least && self.unbalanced() < NEAR {
-                    break;
-                }
-            }
-            if k % LOOK_AT_CHOICE == 0 {
-                let now = self.joints(least);
-                let changed = different(&before, &now);
-                steady = if changed as f64 <= CHANGED * now.len() as f64 { steady + 1 } else { 0 };
-                before = now;
-                if steady == STEADY {
-                    break;
-                }
+            if ends(self, k) {
+                break;
             }
         }
         Ok(())

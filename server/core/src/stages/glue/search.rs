@@ -222,8 +222,7 @@ impl<'p, 'a> Search<'p, 'a> {
     /// Welds moving bodies to all that they touch, and bodies that move next, too.
     fn weld(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<(), Error> {
         attempt.is_welded = true;
-        let (before, mut moving) = (attempt.more.clone(), attempt.moving.clone());
-        let mut kept = before.clone();
+        let (mut kept, mut moving) = (attempt.more.clone(), attempt.moving.clone());
         for _ in 0..WELD_ROUNDS {
             if attempt.moved == Some(0.0) {
                 break;
