@@ -135,12 +135,18 @@ def figures_of(report):
     return figures
 
 
+class MissingError(Exception):
+    """A report lacks a figure: what never rests has no time of rest."""
+
+
 def figure_of(figures, name):
     """A figure, or a sum of several: `seconds.release+seconds.hold`."""
     try:
         return sum(figures[part] for part in name.split("+"))
     except KeyError as missing:
-        raise SystemExit(f"no report has a figure {missing}") from None
+        raise MissingError(
+            f"the report of {figures['run']}, seed {figures['seed']}, has no {missing.args[0]}"
+        ) from None
 
 
 def measure(runs, jobs):
@@ -151,8 +157,8 @@ def measure(runs, jobs):
         found = list(pool.map(lambda task: bake(*task), tasks))
     print(f"{len(tasks)} bakes in {time.monotonic() - begin:.0f} s", file=sys.stderr)
     reports = {run.name: [] for run in runs}
-    for (run, _), figures in zip(tasks, found):
-        reports[run.name].append(figures)
+    for (run, seed), figures in zip(tasks, found):
+        reports[run.name].append(figures | {"run": run.name, "seed": seed})
     return reports
 
 
@@ -194,7 +200,11 @@ def quick(runs, claims, jobs):
     reports = measure([runs[name] for name in sorted(needed(chosen))], jobs)
     faults = []
     for claim in chosen:
-        value = value_of(claim, reports)
+        try:
+            value = value_of(claim, reports)
+        except MissingError as missing:
+            faults.append(f"{claim.name}: {missing}")
+            continue
         print(f"{claim.name:28} {value['median']:10.4f} ({value['low']:.4f} to {value['high']:.4f})")
         faults += faults_of(claim, value)
     for fault in faults:
@@ -206,7 +216,7 @@ def quick(runs, claims, jobs):
 
 def weekly(runs, claims, jobs, again):
     """Measures what the code has changed since, run by run: one that was ended goes on there."""
-    known, reports = stored(), {}
+    known, reports, missing = stored(), {}, []
     today = datetime.date.today().isoformat()
     for name in sorted(needed(claims.values())):
         mine = [claim for claim in claims.values() if claim.run == name]
@@ -219,13 +229,21 @@ def weekly(runs, claims, jobs, again):
         reports |= measure([runs[one] for one in sorted(group)], jobs)
         seconds = round(time.monotonic() - begin)
         for claim in mine:
-            known[claim.name] = value_of(claim, reports) | {"code": codes[claim.name], "on": today, "seconds": seconds}
+            try:
+                value = value_of(claim, reports)
+            except MissingError as fault:
+                missing.append(f"{claim.name}: {fault}")
+                continue
+            known[claim.name] = value | {"code": codes[claim.name], "on": today, "seconds": seconds}
         write(known, claims)
     for claim in claims.values():
         if claim.table:
             known[claim.name] = value_of(claim, {}) | {"code": [], "on": today, "seconds": 0}
     write(known, claims)
-    return show(runs, claims)
+    code = show(runs, claims)
+    for fault in missing:
+        print(f"NOT MEASURED: {fault}")
+    return 1 if missing else code
 
 
 def codes_of(claim, runs):

@@ -4,7 +4,8 @@ use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use cairn::model::export::{ExportError, ExportScene, Format};
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::bake::{BakedBody, BakedPile};
+use cairn_core::prepare::shape::Solid;
+use cairn_core::report::bake::{BakedBody, BakedPile, BakedSolid, BakedWorld};
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 
@@ -17,8 +18,17 @@ pub fn no_files(uri: &str) -> Result<Vec<u8>, String> {
 pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
     let bodies: Vec<BakedBody> =
         bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();
-    let pivots = vec![DVec3::ZERO; bodies.iter().map(|body| body.prop + 1).max().unwrap_or(0)];
-    BakedPile { fps: 24.0, bodies, frames, scenery: Vec::new(), glue: None, pivots }
+    let ball = BakedSolid {
+        pivot: DVec3::ZERO,
+        center: DVec3::ZERO,
+        mass: 1.0,
+        inertia: (DVec3::ONE, DQuat::IDENTITY),
+        friction: 0.7,
+        solid: Solid::Ball { center: DVec3::ZERO, radius: 0.5 },
+    };
+    let solids = vec![ball; bodies.iter().map(|body| body.prop + 1).max().unwrap_or(0)];
+    let world = BakedWorld { gravity: 9.81, ground: Some(0.0), ground_friction: 0.7, diameter: 1.0 };
+    BakedPile { fps: 24.0, bodies, frames, scenery: Vec::new(), glue: None, solids, world }
 }
 
 /// The center of mass of a prop that lies far from its origin, in its own frame.
@@ -31,7 +41,9 @@ pub fn far_from_its_origin(frames: usize) -> BakedPile {
         Pose { translation: DVec3::X * frame as f64 - rotation * FAR, rotation }
     };
     let frames = (0..frames).map(|frame| vec![pose(frame)]).collect();
-    BakedPile { pivots: vec![FAR], ..pile_of(&[(0, 1.0)], frames) }
+    let mut pile = pile_of(&[(0, 1.0)], frames);
+    pile.solids[0].pivot = FAR;
+    pile
 }
 
 /// Bodies that fall and spin, each its own way; every second quaternion has the other sign.

@@ -179,7 +179,7 @@ fn stages_show_what_a_glb_shows() {
     let mut pile = pile_of(&[(0, 1.0), (1, 0.3), (0, 0.5), (1, 0.2)], tumbling(4, 6));
     pile.bodies[2].first_frame = 3;
     pile.scenery = vec![tumbling(1, 6).into_iter().map(|poses| poses[0]).collect()];
-    pile.pivots[0] = DVec3::new(0.3, 0.0, 0.0);
+    pile.solids[0].pivot = DVec3::new(0.3, 0.0, 0.0);
     let pictures = |format| -> Vec<RgbImage> {
         let encoded = encode(format, &pile, &scene).unwrap();
         let beside = |name: &str| encoded.sidecars.get(name).cloned().ok_or_else(|| format!("there is no {name}"));

@@ -63,7 +63,7 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
-use report::bake::{Bake, BakedPile, prop_frames};
+use report::bake::{Bake, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
 use stages::cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
@@ -289,12 +289,18 @@ pub fn release_pile<'a>(
     let held = hold::run(&mut sim, params, stands, observer)?;
     clock.lap(Stage::Hold, observer);
 
-    let pile = baked_pile(scene, params, &sim, glued.is_some())?;
+    let pile = baked_pile(scene, params, full, &sim, glued.is_some())?;
     Ok(Released { scene, params, full, resolved, plan, sim, glued, held, pile, clock })
 }
 
 /// The frames of a pile, and its glue where `is_glued`.
-fn baked_pile(scene: &Scene, params: &Params, sim: &Simulation, is_glued: bool) -> Result<BakedPile, Error> {
+fn baked_pile(
+    scene: &Scene,
+    params: &Params,
+    full: &FullContainer,
+    sim: &Simulation,
+    is_glued: bool,
+) -> Result<BakedPile, Error> {
     let (bodies, frames) = prop_frames(&sim.pile);
     if bodies.is_empty() {
         let text = "no body of `bodies` or `emitters` appears before the last frame; bake more frames";
@@ -304,8 +310,15 @@ fn baked_pile(scene: &Scene, params: &Params, sim: &Simulation, is_glued: bool) 
     let count = if recorder.keeps() { frames.len() } else { recorder.count() + 1 };
     let scenery = scenery_frames(scene, fps, count);
     let glue = is_glued.then(|| report::baked_glue(sim));
-    let pivots = sim.pile.shapes.iter().map(Shape::pivot).collect();
-    Ok(BakedPile { fps, bodies, frames, scenery, glue, pivots })
+    let props = full.shapes.iter().zip(&scene.props);
+    let solids = props.map(|(shape, prop)| BakedSolid::new(shape, prop.friction)).collect();
+    let world = BakedWorld {
+        gravity: params.gravity,
+        ground: params.ground.then_some(full.checked.ground),
+        ground_friction: params.ground_friction,
+        diameter: full.checked.diameter,
+    };
+    Ok(BakedPile { fps, bodies, frames, scenery, glue, solids, world })
 }
 
 impl Released<'_> {

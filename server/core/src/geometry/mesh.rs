@@ -47,6 +47,15 @@ impl TriMesh {
         bounds(self.points.iter().copied())
     }
 
+    /// m^2.
+    pub fn area(&self) -> f64 {
+        let area = |triangle: usize| {
+            let [a, b, c] = self.corners(triangle);
+            (b - a).cross(c - a).length() / 2.0
+        };
+        (0..self.triangles.len()).map(area).sum()
+    }
+
     /// Volume enclosed, in m^3: negative for a mesh that is inside out, meaningless for an open one.
     pub fn signed_volume(&self) -> f64 {
         let origin = self.bounds().0;

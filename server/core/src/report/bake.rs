@@ -1,9 +1,10 @@
 //! The types of a finished bake.
 
 use crate::geometry::pose::Pose;
+use crate::prepare::shape::{Shape, Solid};
 use crate::report::Report;
 use crate::sim::pile::Pile;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// A finished bake: the pile and its report.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -26,9 +27,9 @@ pub struct BakedPile {
     pub scenery: Vec<Vec<Pose>>,
     /// `None` where nothing may be glued.
     pub glue: Option<BakedGlue>,
-    /// Per prop: the point about which it turns between two frames, in its own frame, m: its center of mass where its
-    /// origin is far from it, else the origin.
-    pub pivots: Vec<DVec3>,
+    /// Per prop.
+    pub solids: Vec<BakedSolid>,
+    pub world: BakedWorld,
 }
 
 impl BakedPile {
@@ -41,15 +42,60 @@ impl BakedPile {
             frames: self.frames.last().cloned().into_iter().collect(),
             scenery: self.scenery.iter().map(last).collect(),
             glue: self.glue.clone(),
-            pivots: self.pivots.clone(),
+            solids: self.solids.clone(),
+            world: self.world,
         }
     }
 
     /// The pose of a body's pivot in a frame; its axes are the body's.
     pub fn pivot_pose(&self, frame: usize, body: usize) -> Pose {
         let (pose, BakedBody { prop, scale, .. }) = (self.frames[frame][body], self.bodies[body]);
-        Pose { translation: pose.transform_point(self.pivots[prop] * scale), ..pose }
+        Pose { translation: pose.transform_point(self.solids[prop].pivot * scale), ..pose }
     }
+}
+
+/// A prop as it was simulated, at scale 1, SI: for programs that simulate the pile further.
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
+pub struct BakedSolid {
+    /// The point about which it turns between two frames, in its own frame: its center of mass where its origin is far
+    /// from it, else the origin.
+    pub pivot: DVec3,
+    /// Center of mass, in its own frame.
+    pub center: DVec3,
+    /// kg.
+    pub mass: f64,
+    /// Principal moments of inertia about the center of mass, kg m^2, and the rotation from their axes.
+    pub inertia: (DVec3, DQuat),
+    /// Coulomb friction coefficient; a pair has the mean of its two.
+    pub friction: f64,
+    /// The collision shape, about the center of mass, without the skin in which this engine lets bodies overlap.
+    pub solid: Solid,
+}
+
+impl BakedSolid {
+    pub fn new(shape: &Shape, friction: f64) -> BakedSolid {
+        BakedSolid {
+            pivot: shape.pivot(),
+            center: shape.center,
+            mass: shape.mass,
+            inertia: shape.inertia,
+            friction,
+            solid: shape.bare.clone(),
+        }
+    }
+}
+
+/// What a pile was simulated in, SI.
+#[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
+pub struct BakedWorld {
+    /// m/s^2.
+    pub gravity: f64,
+    /// Height of the ground; `None`: there is none.
+    pub ground: Option<f64>,
+    /// Coulomb friction coefficient of the ground.
+    pub ground_friction: f64,
+    /// Diameter of the median prop.
+    pub diameter: f64,
 }
 
 /// The glue of a finished pile, SI, for the poses of the last frame: for programs that simulate the pile further.

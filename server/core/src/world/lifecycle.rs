@@ -31,7 +31,7 @@ impl World {
         let (own, collider) = self.engine.insert(rigid, collider);
         let collider_pose = self.engine.colliders[collider].position_wrt_parent().copied().unwrap_or(Pose::IDENTITY);
         self.rolling.join(id, shape, body.scale * length);
-        let (BodySize { mass, radius, thickness }, face_area) = scaled(shape, body.scale, &self.units);
+        let (BodySize { mass, radius, thickness }, wall, face_area) = scaled(shape, body.scale, &self.units);
         self.bodies.push(WorldBody {
             prop: body.prop,
             scale: body.scale,
@@ -39,6 +39,7 @@ impl World {
             mass,
             radius,
             thickness,
+            wall,
             face_area,
             friction: body.friction,
             resistance: Resistance::default(),

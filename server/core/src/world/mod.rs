@@ -42,6 +42,7 @@
 //! - `stepping`: the step, the retry of a step with smaller steps, depenetration
 //! - `queries`: loads, energy, friction, faults
 
+mod any_engine;
 mod bodies;
 mod colliders;
 mod contacts;

@@ -121,7 +121,7 @@ impl<'a> GlbFile<'a> {
             let at = pile + 1 + i;
             let mut node = Object::from_iter([("name".to_string(), json!(names[i]))]);
             let wrap = |error| ExportError::source(model, error);
-            let pivot = bake.pivots[body.prop];
+            let pivot = bake.solids[body.prop].pivot;
             match branch.lone_mesh() {
                 _ if pivot != DVec3::ZERO => {
                     let children = self.place(*source, branch).map_err(wrap)?;

@@ -1,4 +1,4 @@
-//! Writers of a finished bake: an animated `.glb`, USD, and tables as `.json` and `.csv`.
+//! Writers of a finished bake: an animated `.glb`, USD, tables as `.json` and `.csv`, and MuJoCo's `.xml`.
 //!
 //! The same bake and sources give the same bytes. A file appears complete or not at all.
 
@@ -7,6 +7,7 @@ mod glb;
 mod glue;
 mod hierarchy;
 mod left_out;
+mod mjcf;
 mod sources;
 mod table;
 mod tracks;
@@ -102,6 +103,7 @@ pub enum Format {
     Usdz,
     Json,
     Csv,
+    Mjcf,
 }
 
 /// Everything that is particular to a format.
@@ -140,11 +142,14 @@ impl FormatSize {
     const USDA: FormatSize = FormatSize { pose: 260, ..FormatSize::USD };
     /// Numbers with all their digits.
     const TABLE: FormatSize = FormatSize { file: 16 << 10, body: 200, pose: 220 };
+    /// Each body's geoms, and the corners of its parts, since each may have a scale of its own.
+    const MODEL: FormatSize = FormatSize { file: 16 << 10, body: 64 << 10, pose: 0 };
 }
 
 impl Format {
     /// In the order in which help and messages list them.
-    pub const ALL: [Format; 6] = [Format::Glb, Format::Usdc, Format::Usda, Format::Usdz, Format::Json, Format::Csv];
+    pub const ALL: [Format; 7] =
+        [Format::Glb, Format::Usdc, Format::Usda, Format::Usdz, Format::Json, Format::Csv, Format::Mjcf];
 
     fn row(self) -> FormatRow {
         let row = |extension, wire, writer| FormatRow {
@@ -178,6 +183,12 @@ impl Format {
                 holds_measures: false,
                 size: FormatSize::TABLE,
                 ..row("csv", OutputFormat::Csv, table::encode_csv)
+            },
+            Format::Mjcf => FormatRow {
+                states_origin: false,
+                holds_measures: false,
+                size: FormatSize::MODEL,
+                ..row("xml", OutputFormat::Mjcf, mjcf::encode)
             },
         }
     }
@@ -340,6 +351,6 @@ mod tests {
             assert_eq!(Format::from_wire(wire).wire(), wire);
         }
         assert_eq!(schema.len(), Format::ALL.len());
-        assert_eq!(Format::endings(), ".glb, .usdc, .usda, .usdz, .json or .csv");
+        assert_eq!(Format::endings(), ".glb, .usdc, .usda, .usdz, .json, .csv or .xml");
     }
 }

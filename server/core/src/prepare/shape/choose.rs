@@ -10,9 +10,19 @@ use glam::DVec3;
 /// or fewer does (Fejes Toth's bound): dice and gems should not roll like balls.
 const BALL_ROUNDNESS: f64 = 0.97;
 
-/// The cheapest solid that is close enough, and its distance from the mesh, m.
-pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
+/// A solid that stands for a prop.
+pub struct Fitted {
+    pub solid: Solid,
+    /// The same without the skin around its hulls.
+    pub bare: Solid,
+    /// Largest distance, both ways, between sampled points of mesh and shape, m.
+    pub deviation: f64,
+}
+
+/// The cheapest solid that is close enough.
+pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> Fitted {
     let fitted = primitive(mesh, around, diameter, closed, physics);
+    let fitted = fitted.map(|(solid, deviation)| Fitted { bare: solid.clone(), solid, deviation });
     fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, 2.0 * around.half.min_element(), closed, physics))
 }
 
@@ -85,11 +95,11 @@ mod tests {
     fn a_ball_holds_its_mesh_or_is_a_hull() {
         let physics = Params::new(Accuracy::Standard).physics;
         let fine = globe(48);
-        let (solid, deviation) = solid(&fine, &fit::oriented_box(&fine), 2.0, true, &physics);
+        let Fitted { solid, deviation, .. } = solid(&fine, &fit::oriented_box(&fine), 2.0, true, &physics);
         let Solid::Ball { center, radius } = solid else { panic!("it is a ball") };
         assert!(fine.points.iter().all(|p| p.distance(center) <= radius + 1e-9) && deviation < 0.04);
         let coarse = globe(10);
-        let (solid, _) = super::solid(&coarse, &fit::oriented_box(&coarse), 2.0, true, &physics);
+        let Fitted { solid, .. } = super::solid(&coarse, &fit::oriented_box(&coarse), 2.0, true, &physics);
         assert_eq!(solid.kind(), ShapeKind::Hull, "its facets are too far from any ball");
     }
 }

@@ -4,6 +4,7 @@
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
+use crate::prepare::shape::choose::Fitted;
 use crate::prepare::shape::enclose::{Margin, enclosing};
 use crate::prepare::shape::hull::Hull;
 use crate::prepare::shape::{INVISIBLE, SKIN, Solid};
@@ -28,9 +29,8 @@ const SKETCH_POINTS: usize = 48;
 const DEVIATION_SAMPLES: usize = 600;
 
 /// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`:
-/// of the prop, m. The second value is the deviation, m: the largest distance, both ways, between sampled points of
-/// mesh and shape.
-pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, physics: &Physics) -> (Solid, f64) {
+/// of the prop, m.
+pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, physics: &Physics) -> Fitted {
     let unit = Unit::new(mesh, diameter, closed);
     let mut best = vec![Part::of(&unit.points)];
     let mut best_deviation = unit.deviation(&best);
@@ -51,26 +51,26 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, ph
     let most = if best.len() > 1 { MOST_PART_CORNERS } else { MOST_CORNERS };
     let skin = SKIN * gap;
     let mut farthest = 0.0f64;
-    let mut enclosed = |part: Part| {
+    let mut enclosed = |part: &Part, own: f64| {
         let tolerance = if part.exact.len() <= FEW_CORNERS { 0.0 } else { gap - skin };
-        let margin = Margin { tolerance, skin, most };
+        let margin = Margin { tolerance, skin: own, most };
         match enclosing(&part.exact, margin) {
             Some((corners, gap)) => {
-                farthest = farthest.max(gap + margin.skin);
+                farthest = farthest.max(gap + own);
                 corners
             }
             // Flat: the skin makes it a plate.
             None => {
-                let thick = margin.skin as f32;
+                let thick = skin as f32;
                 let around = |p: &Vector| Vector::AXES.map(|axis| [*p + axis * thick, *p - axis * thick]);
                 let plate: Vec<Vector> = part.exact.iter().flat_map(around).flatten().collect();
-                enclosing(&plate, margin).map_or(part.coarse, |(corners, _)| corners)
+                enclosing(&plate, margin).map_or_else(|| part.coarse.clone(), |(corners, _)| corners)
             }
         }
     };
-    let parts: Vec<Vec<Vector>> = best.into_iter().map(&mut enclosed).collect();
-    let solid = Solid::Convex(parts.into_iter().map(|part| unit.back(part)).collect());
-    (solid, best_deviation.max(farthest) * diameter)
+    let [solid, bare] =
+        [skin, 0.0].map(|own| Solid::Convex(best.iter().map(|part| unit.back(enclosed(part, own))).collect()));
+    Fitted { solid, bare, deviation: best_deviation.max(farthest) * diameter }
 }
 
 /// A convex part of a mesh, in the unit frame.
@@ -326,7 +326,7 @@ mod tests {
             let size = Size::of(&mesh);
             assert_eq!(size.closed, !is_open);
             let physics = &Params::new(Accuracy::Standard).physics;
-            let (solid, deviation) = decompose(&mesh, size.diameter, size.extents.x, size.closed, physics);
+            let Fitted { solid, deviation, .. } = decompose(&mesh, size.diameter, size.extents.x, size.closed, physics);
             let Solid::Convex(parts) = &solid else { panic!("it is neither box nor ball") };
             assert!(deviation < 0.1 * size.diameter, "{deviation}");
             let unit = |p: DVec3| (p / size.diameter).as_vec3();

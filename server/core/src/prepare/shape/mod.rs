@@ -23,6 +23,7 @@ use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::{Params, Physics};
 use crate::input::scene::{Prop, Scene};
+use choose::Fitted;
 use glam::{DMat3, DQuat, DVec3};
 use mass::Moments;
 use rapier3d::math::{Pose as EnginePose, Vector};
@@ -88,6 +89,9 @@ pub struct Shape {
     /// The direction in which the prop is thinnest, in the body's frame; unit.
     pub thin_axis: DVec3,
     pub solid: Solid,
+    /// The same without the skin around its hulls, for other engines: what presses there lets bodies overlap by less
+    /// than the skin.
+    pub bare: Solid,
     pub report: ShapeFit,
     /// The hulls of a convex solid's parts, at a size of about 1: those of each scale are made from these.
     #[serde(skip)]
@@ -121,7 +125,7 @@ impl Shape {
         let mesh = &prop.model.mesh.outward();
         let Size { diameter, closed, .. } = size;
         let around = fit::oriented_box(mesh);
-        let (solid, deviation) = choose::solid(mesh, &around, diameter, closed, physics);
+        let Fitted { solid, bare, deviation } = choose::solid(mesh, &around, diameter, closed, physics);
         let own = if closed { mass::of_solid(mesh, size.has_parts) } else { mass::moments(mesh) };
         let solid_moments = solid.moments();
         let (moments, fallback) = match no_inside(closed, &own, mesh, solid_moments.volume) {
@@ -146,7 +150,7 @@ impl Shape {
         // A needle's smallest moment may round to zero, which an engine takes for infinity.
         let principal = principal.max(DVec3::splat(principal.max_element() * 1e-6));
         let mass = moments.volume * prop.density;
-        let solid = solid.moved(-moments.center);
+        let [solid, bare] = [solid, bare].map(|solid| solid.moved(-moments.center));
         let report = ShapeFit {
             prop: prop.model.name.clone(),
             kind: solid.kind(),
@@ -164,6 +168,7 @@ impl Shape {
             size,
             thin_axis: around.thin_axis(),
             solid,
+            bare,
             report,
             hulls: OnceLock::new(),
         })

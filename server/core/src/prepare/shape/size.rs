@@ -24,7 +24,13 @@ pub struct Size {
     pub has_parts: bool,
     /// The radius on which it rolls, m; `None` where it is not round.
     pub round: Option<f64>,
+    /// Thickness of its material, m: the smallest extent, or that of the walls where it is hollow.
+    pub wall: f64,
 }
+
+/// A prop is hollow if the mean thickness of its material, `2 V / A`, is below this share of its smallest extent: of a
+/// ball or a cube, it is a third of that.
+const HOLLOW_SHARE: f64 = 0.2;
 
 impl Size {
     pub fn of(mesh: &TriMesh) -> Size {
@@ -47,7 +53,11 @@ impl Size {
         let volume = if closed { own } else { bulk / 2.0 };
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
-        Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, has_parts, round }
+        // Parts that overlap have surfaces inside, which are no walls.
+        let material = 2.0 * own / mesh.area();
+        let is_hollow = closed && !has_parts && material < HOLLOW_SHARE * extents[0];
+        let wall = if is_hollow { material } else { extents[0] };
+        Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, has_parts, round, wall }
     }
 }
 

@@ -101,11 +101,11 @@ impl FillWorld {
         enclosure.scenery.iter().for_each(|&(piece, friction)| self.world.set_wall_friction(piece, friction));
     }
 
-    /// Loose bodies that reach into scenery by more than `limit` of their thickness, ascending.
+    /// Loose bodies that reach into scenery by more than `limit` of their material, ascending.
     pub fn cutting_scenery(&mut self, limit: f64) -> Vec<BodyId> {
         self.update_contacts();
         let pairs = self.world.static_contact_pairs(0.0);
-        let deep = pairs.iter().filter(|pair| pair.depth() > limit * self.world.pair_thickness(pair));
+        let deep = pairs.iter().filter(|pair| pair.depth() > limit * self.world.pair_wall(pair));
         let mut bodies: Vec<BodyId> = deep.map(|pair| pair.a).filter(|&id| self.is_loose(id)).collect();
         bodies.dedup();
         bodies
@@ -206,11 +206,11 @@ impl FillWorld {
         self.world.reserve(shape, scale, pose, reserved)
     }
 
-    /// Pairs of bodies that overlap by more than `limit` of the thinner one's thickness, ascending; the lower id first.
+    /// Pairs of bodies that overlap by more than `limit` of the thinner one's material, ascending; the lower id first.
     pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
         self.update_contacts();
         let too_deep = |pair: &ContactPair| match pair.b {
-            PairSide::Body(b) => (pair.depth() > limit * self.world.pair_thickness(pair)).then_some((pair.a, b)),
+            PairSide::Body(b) => (pair.depth() > limit * self.world.pair_wall(pair)).then_some((pair.a, b)),
             PairSide::Ground | PairSide::Scenery | PairSide::Moving => None,
         };
         self.world.contact_pairs(0.0).iter().filter_map(too_deep).collect()

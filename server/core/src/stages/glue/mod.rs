@@ -106,7 +106,7 @@ pub fn run<'a>(
     let anchors = params.glue.anchor != Switch::Off;
     let proves = resolved.is_on(EffectName::GlueProof);
     let world = &sim.pile.world;
-    let mut trials = Trials::new(turn_over, world.present().count());
+    let mut trials = Trials::new(turn_over, world.present().count(), params.glue.proof_engine);
     let all = proves && params.glue.proof == Switch::On;
     let natural = match proves && params.glue.anchor != Switch::On {
         true => Some(Natural::run(world, &mut trials, all, observer)?),

@@ -30,8 +30,7 @@ impl Natural {
     /// Bodies of the heaps in which none has moved.
     pub fn standing(&self, world: &World) -> BTreeSet<BodyId> {
         let Some(poses) = &self.trial.poses else { return BTreeSet::new() };
-        let has_moved =
-            |&id: &BodyId| poses[id].is_none_or(|pose| pose.translation.distance(world.pose(id).translation) > SAGS);
+        let has_moved = |&id: &BodyId| poses[id].is_none() || self.trial.ways.get(id).is_some_and(|way| *way > SAGS);
         let falling: BTreeSet<BodyId> = world.present().filter(has_moved).map(|id| self.heaps[id]).collect();
         world.present().filter(|&id| !falling.contains(&self.heaps[id])).collect()
     }

@@ -29,7 +29,7 @@ pub struct Sites {
     pub patches: Vec<Option<(f64, f64)>>,
     /// Gap of each bridge; 0 of all other sites. Shape `[site]`.
     pub gaps: Vec<f64>,
-    /// Overlap of the two bodies, in the thinner one's thickness. Shape `[site]`.
+    /// Overlap of the two bodies, in the thickness of the thinner one's material. Shape `[site]`.
     pub depths: Vec<f64>,
     /// Number of trials in which each body moved, 2 at most. Shape `[body]`.
     discounts: Vec<u8>,
@@ -93,7 +93,7 @@ impl Sites {
             // Bodies that are neither in the pile nor fixed carry nothing here.
             let stands = |id: BodyId| joined[id] || pinned(id);
             if stands(pair.a) && !matches!(pair.b, PairSide::Body(b) if !stands(b)) {
-                sites.add(pair, pair.depth() / world.pair_thickness(pair), k < carrying, k >= pegs, anchors);
+                sites.add(pair, pair.depth() / world.pair_wall(pair), k < carrying, k >= pegs, anchors);
             }
         }
         sites

@@ -5,10 +5,12 @@ use crate::error::Error;
 use crate::geometry::RESOLUTION;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
+use crate::input::params::ProofEngine;
 use crate::sim::glue::{Joint, PileGlue};
 use crate::sim::step::Simulation;
 use crate::world::{BodyId, World};
 use glam::DVec3;
+use std::collections::BTreeSet;
 
 /// Motion of a released pile.
 #[derive(Default)]
@@ -21,10 +23,32 @@ pub struct TrialResult {
     pub moved_a_little: Vec<BodyId>,
     /// Mean displacement of the bodies, d.
     pub displacement: f64,
+    /// Displacement of each body, d. Shape `[body]`; 0: the body was left out.
+    pub ways: Vec<f64>,
     /// Final poses of the bodies, engine units; `None` if the trial ended early. Shape `[body]`; `None`: the body was
     /// left out.
     pub poses: Poses,
     pub steps: u64,
+}
+
+impl TrialResult {
+    fn stands(&self) -> bool {
+        self.poses.is_some() && super::stands(Some(self.moved), self.displacement)
+    }
+
+    /// The worse of two trials of the same pile, with the poses of this one.
+    fn and(self, other: &TrialResult) -> TrialResult {
+        let both = |a: &[BodyId], b: &[BodyId]| BTreeSet::from_iter(a.iter().chain(b).copied()).into_iter().collect();
+        TrialResult {
+            moved: self.moved.max(other.moved),
+            moved_bodies: both(&self.moved_bodies, &other.moved_bodies),
+            moved_a_little: both(&self.moved_a_little, &other.moved_a_little),
+            displacement: self.displacement.max(other.displacement),
+            ways: self.ways.iter().zip(&other.ways).map(|(a, b)| a.max(*b)).collect(),
+            steps: self.steps + other.steps,
+            poses: self.poses,
+        }
+    }
 }
 
 pub type Poses = Option<Vec<Option<Pose>>>;
@@ -42,6 +66,7 @@ pub enum Ends {
 pub struct Trials<'p, 'a> {
     turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
     bodies: usize,
+    engine: ProofEngine,
     /// Progress when a trial begins, and at the end of the attempt: each trial takes half of the rest.
     pub begin: f64,
     pub end: f64,
@@ -51,8 +76,12 @@ pub struct Trials<'p, 'a> {
 }
 
 impl<'p, 'a> Trials<'p, 'a> {
-    pub fn new(turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>, bodies: usize) -> Trials<'p, 'a> {
-        Trials { turn_over, bodies, begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 }
+    pub fn new(
+        turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
+        bodies: usize,
+        engine: ProofEngine,
+    ) -> Trials<'p, 'a> {
+        Trials { turn_over, bodies, engine, begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 }
     }
 
     pub fn progress(&self, part: f64) -> Progress {
@@ -60,7 +89,8 @@ impl<'p, 'a> Trials<'p, 'a> {
         Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0, frames: 0 }
     }
 
-    /// One trial of a pile that is turned over again.
+    /// A trial of a pile that is turned over again. Where other engines count, the pile first stands as in them, and then
+    /// in its own: the bodies are a little smaller there.
     pub fn run(
         &mut self,
         joints: &[Joint],
@@ -69,9 +99,32 @@ impl<'p, 'a> Trials<'p, 'a> {
         ends: Ends,
         observer: &mut dyn Observer,
     ) -> Result<TrialResult, Error> {
+        let engine = self.engine;
+        let trial = self.run_in(engine, joints, absent, down, ends, observer)?;
+        if engine == ProofEngine::Own || !trial.stands() {
+            return Ok(trial);
+        }
+        let own = self.run_in(ProofEngine::Own, joints, absent, down, ends, observer)?;
+        Ok(own.and(&trial))
+    }
+
+    fn run_in(
+        &mut self,
+        engine: ProofEngine,
+        joints: &[Joint],
+        absent: &[BodyId],
+        down: DVec3,
+        ends: Ends,
+        observer: &mut dyn Observer,
+    ) -> Result<TrialResult, Error> {
         let clock = observer.cpu_seconds();
         let mut report = |part: f64| observe(observer, &self.progress(part));
-        let trial = release_trial((self.turn_over)()?, joints, absent, down, ends, &mut report)?;
+        let mut sim = (self.turn_over)()?;
+        if engine == ProofEngine::Any {
+            let pile = &mut sim.pile;
+            pile.world.act_as_any_engine(pile.shapes);
+        }
+        let trial = release_trial(sim, joints, absent, down, ends, &mut report)?;
         self.begin = self.progress(1.0).fraction;
         self.steps += trial.steps;
         self.seconds += observer.cpu_seconds() - clock;
@@ -151,10 +204,12 @@ fn look(before: &[Option<Pose>], now: &[Option<Pose>], steps: u64) -> TrialResul
     let ways: Vec<(BodyId, f64)> = before.iter().zip(now).enumerate().filter_map(way).collect();
     let beyond = |least: f64| ways.iter().filter(|(_, way)| *way > least).map(|(id, _)| *id).collect::<Vec<BodyId>>();
     let count = ways.len().max(1) as f64;
+    let mut all = vec![0.0; now.len()];
+    ways.iter().for_each(|&(id, way)| all[id] = way);
     let (moved_bodies, moved_a_little) = (beyond(MOVED), beyond(RESOLUTION));
     let mean = ways.iter().map(|(_, way)| way.min(1.0)).sum::<f64>() / count;
     let moved = moved_bodies.len() as f64 / count;
-    TrialResult { moved, moved_bodies, moved_a_little, displacement: mean, poses: None, steps }
+    TrialResult { moved, moved_bodies, moved_a_little, displacement: mean, ways: all, poses: None, steps }
 }
 
 fn poses(world: &World) -> Vec<Option<Pose>> {

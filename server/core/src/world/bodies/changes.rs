@@ -56,7 +56,7 @@ impl World {
         body.collider_pose = place;
         body.scale = scale;
         let size;
-        (size, body.face_area) = scaled(shape, scale, &self.units);
+        (size, body.wall, body.face_area) = scaled(shape, scale, &self.units);
         BodySize { mass: body.mass, radius: body.radius, thickness: body.thickness } = size;
     }
 

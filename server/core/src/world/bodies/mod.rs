@@ -77,6 +77,8 @@ pub struct WorldBody {
     pub radius: f64,
     /// Smallest extent.
     pub thickness: f64,
+    /// Thickness of its material: of the walls where it is hollow.
+    pub wall: f64,
     /// Product of the two smaller extents: the area of its smallest face.
     pub face_area: f64,
     pub friction: f64,
@@ -185,15 +187,17 @@ impl Bodies {
     }
 }
 
-/// Size of a shape at a scale, and the area of its smallest face; engine units.
-pub(super) fn scaled(shape: &Shape, scale: f64, units: &Units) -> (BodySize, f64) {
+/// Size of a shape at a scale, the thickness of its material, and the area of its smallest face; engine units.
+pub(super) fn scaled(shape: &Shape, scale: f64, units: &Units) -> (BodySize, f64, f64) {
     let size = scale * (1.0 / units.length);
     let body = BodySize {
         mass: shape.mass * scale.powi(3) / units.mass,
         radius: shape.radius * size,
         thickness: shape.thickness() * size,
     };
-    (body, shape.size.extents.x * shape.size.extents.y * size * size)
+    // A shape without walls has none to cut.
+    let wall = if shape.solid.parts() > 1 { shape.size.wall } else { shape.thickness() };
+    (body, wall * size, shape.size.extents.x * shape.size.extents.y * size * size)
 }
 
 /// Takes a rigid body's velocities.

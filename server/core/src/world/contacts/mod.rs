@@ -118,6 +118,12 @@ impl World {
         self.thinner(pair.a, pair.b)
     }
 
+    /// Thickness of the thinner one's material: overlaps of hollow bodies are seen as shares of their walls.
+    pub fn pair_wall(&self, pair: &ContactPair) -> f64 {
+        let wall = self.bodies[pair.a].wall;
+        if let PairSide::Body(b) = pair.b { wall.min(self.bodies[b].wall) } else { wall }
+    }
+
     fn thinner(&self, a: BodyId, b: PairSide) -> f64 {
         match b {
             PairSide::Body(b) => self.bodies[a].thickness.min(self.bodies[b].thickness),

@@ -35,6 +35,11 @@ impl Rolling {
         self.bodies.extend(radius.map(|radius| (id, radius * size)));
     }
 
+    /// Nothing resists rolling from now on.
+    pub fn end(&mut self) {
+        self.bodies.clear();
+    }
+
     /// After a step: the contacts' torque against rolling, by the forces of that step.
     pub fn brake(&self, engine: &mut PhysicsWorld, bodies: &Bodies, counters: &mut WorldCounters) {
         for &(id, radius) in &self.bodies {

@@ -85,7 +85,7 @@ fn prototypes<'a>(
         let prim = stage.layer.prim(&scope, short_name(model.name), "Xform");
         let shown = stage.layer.text(model.name);
         stage.layer.set(&prim, FieldKey::DisplayName, shown);
-        let pivot = bake.pivots[prop];
+        let pivot = bake.solids[prop].pivot;
         if pivot != DVec3::ZERO {
             stage.layer.attribute(&prim, "double3 xformOp:translate", gf::Vec3d::from((-pivot).to_array()));
             stage.layer.order(&prim, &["xformOp:translate"]);

@@ -1,0 +1,66 @@
+"""What stands here stands in other engines, from the file alone."""
+
+import json
+import pathlib
+import subprocess
+
+import mujoco
+import numpy as np
+import pytest
+import replay
+
+ROOT = pathlib.Path(__file__).parents[2]
+CAIRN = ROOT / "target/release/cairn"
+ASSETS = ROOT / "examples/assets"
+
+# Shapes that fall without glue: of boxes, of several convex parts, of balls.
+PILES = {
+    "sticks": ["letter-t.glb", "stick.glb", "--set", "props.0.scale_min=1.8", "--set", "props.0.scale_max=1.8"],
+    "bananas": ["letter-t.glb", "banana.glb", "--set", "props.0.scale_min=2.5", "--set", "props.0.scale_max=2.5"],
+    "balls": ["tower.glb", "ball.glb", "--set", "props.0.scale_min=1.5", "--set", "props.0.scale_max=1.5"],
+}
+
+
+@pytest.fixture(scope="module", params=PILES)
+def pile(request, tmp_path_factory):
+    folder = tmp_path_factory.mktemp(request.param)
+    control, prop, *more = PILES[request.param]
+    command = [CAIRN, "bake", "--control", ASSETS / control, "--prop", ASSETS / prop, *more, "--set", "output.frames=2"]
+    for ending in ("xml", "json"):
+        subprocess.run([*command, "--quiet", "-o", folder / f"pile.{ending}"], check=True)
+    return replay.read(folder / "pile.xml"), json.loads((folder / "pile.json").read_text())
+
+
+def test_a_glued_pile_stands(pile):
+    pile, _ = pile
+    seconds = 6 * pile.natural_time
+    assert replay.in_mujoco(pile, seconds) >= 0.95
+    assert replay.in_bullet(pile, seconds) >= 0.95
+
+
+def test_it_falls_without_its_glue(pile):
+    pile, _ = pile
+    assert replay.in_bullet(pile.unglued(), 6 * pile.natural_time) < 0.7
+
+
+def test_the_model_is_the_pile(pile):
+    pile, table = pile
+    model = mujoco.MjModel.from_xml_path(pile.path)
+    clusters = table["glue"]["clusters"]
+    assert len(pile.solids) == len(table["bodies"]) - sum(len(members) - 1 for members in clusters)
+    assert sum(solid.is_fixed for solid in pile.solids) == sum(
+        1
+        for solid in pile.solids
+        if solid.parts[0].body in {table["bodies"][i]["name"] for i in table["glue"]["anchored"]}
+    )
+    # Every body's middle is where the table has it, with Y up there and Z up here.
+    middles = {}
+    for solid in pile.solids:
+        for part in solid.parts:
+            corners = part.corners @ part.rotation.T + part.center
+            middles.setdefault(part.body, []).append((corners @ solid.rotation.T + solid.center).mean(0))
+    for body, (x, y, z, *_) in zip(table["bodies"], table["frames"][-1], strict=True):
+        way = np.linalg.norm(np.mean(middles[body["name"]], 0) - [x, -z, y])
+        assert way < 0.6 * pile.diameter, body["name"]
+    free = [solid.mass for solid in pile.solids if not solid.is_fixed]
+    assert np.isclose(model.body_mass[1:][model.body_dofnum[1:] > 0].sum(), sum(free))
