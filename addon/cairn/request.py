@@ -240,8 +240,12 @@ def taking(context, passive=False):
     names.update(extras.names)
     props += extras.props
     # The server may count where it does not name.
-    scenery = [source for source, _ in statics + piles]
-    counted = {"props": [prop.source for prop in props[: len(chosen)]], "statics": scenery}
+    counted = {
+        "props": [prop.source for prop in props],
+        "statics": [*(source for source, _ in statics + piles), *extras.moved],
+        "bodies": [prop.source for prop in extras.props],
+        "emitters": [settings.drop_mesh] if settings.drop_mesh else [],
+    }
     for kind, sources in counted.items():
         names.update((f"{kind}.{number}", source.name) for number, source in enumerate(sources))
     missed = left_out(settings)
