@@ -120,6 +120,8 @@ def missing(settings):
         return "Choose the mesh that gives the pile its shape."
     if settings.control_mesh.type != "MESH":
         return "Choose a mesh as the shape."
+    if settings.id_data not in settings.control_mesh.users_scene:
+        return f"The shape “{settings.control_mesh.name}” is not in this scene any more. Choose another one."
     if not props_of(settings):
         return "Choose the props of the pile: a collection of objects, or some objects in the list."
     piles = others.of(settings.id_data, settings.control_mesh)

@@ -31,6 +31,8 @@ PLACES = {
     "fill.surface": "“Surface” in the panel Size and Order",
     "glue.mode": "the panel Shape Support",
     "glue.strength": "“Glue Strength” in the panel Shape Support",
+    "output.free_pour": "“Free Pour” in the panel Advanced, Measures",
+    "output.free_standing": "“Free Standing” in the panel Advanced, Measures",
     "output.frames": "“Frames” in the panel Output",
 }
 GROUND = "in the panel Ground and Colliders"
@@ -51,6 +53,7 @@ OTHERS = [
     (re.compile(r"\bcontrol[ _]mesh\b"), "shape"),
     (re.compile(r"\bControl mesh\b"), "Shape"),
     (re.compile(r"`([^`]*)`"), r"“\1”"),
+    (re.compile(r"(\d) %"), r"\1%"),
 ]
 
 

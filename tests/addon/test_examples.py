@@ -4,11 +4,13 @@ import bpy
 import numpy as np
 import pytest
 from blocks import bodies_of
+from conftest import once
 
 NAMES = ("Firewood", "Rubble", "Oranges", "Books", "Cans")
 
 
-@pytest.mark.parametrize("name", NAMES)
+# Every Blender makes them; what they are baked to is the same.
+@pytest.mark.parametrize("name", ["Books", *(pytest.param(name, marks=once) for name in NAMES if name != "Books")])
 def test_an_example_is_baked(addon, name):
     assert bpy.ops.cairn.add_examples() == {"FINISHED"}
     assert set(NAMES) <= set(bpy.data.scenes.keys())
