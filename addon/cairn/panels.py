@@ -252,7 +252,7 @@ def expected(accuracy):
         return f"<1 {unit}"
     # More digits would suggest too much precision.
     low, high = (f"{float(f'{value:.2g}'):g}" if value >= 10 else f"{value:.0f}" for value in (low, high))
-    return f"{'<1' if low == '0' else low}–{high} {unit}" if low != high else f"{low} {unit}"
+    return f"{low}–{high} {unit}" if low != high else f"{low} {unit}"
 
 
 def overlap(accuracy):
@@ -299,7 +299,7 @@ def draw_field(layout, context, group, field):
     room = signs_of(context, "CHECKBOX")
     longest = max((len(item[0]) for item in field.get("items", ())), default=6)
     if len(title) + 1 + max(len(known), longest + 2 if is_set else 0) <= room:
-        row = layout.split(factor=(len(title) + 4) / (room + 4))
+        row = layout.split(factor=(len(title) + 7) / (room + 7))
     else:
         row = layout.column(align=True)
     row.use_property_split = False

@@ -158,7 +158,7 @@ class CAIRN_PT_holds(Pile, Panel):
 
 
 def _said(load):
-    if 0 < load < 0.005:
+    if 0 < load < 0.01:
         return "<0.01"
     return f"{load:.0f}" if load >= 10 else f"{load:.2g}"
 
