@@ -319,8 +319,8 @@ def clear(collection):
 
 
 def _taken_out(collection, own, others):
-    """Takes everything but the pile's empty out of a pile's collection: what is not the bake's is moved beside it. Gives
-    a sentence about that. `own`, `others`: as `belongings` sorts them."""
+    """Takes everything but the pile's empty out of a pile's collection, and moves the artist's things beside it. Gives
+    a sentence about those. `own`, `others`: as `belongings` sorts them."""
     states.restore()
     # Something may have come in since.
     mine, root = set(own), roots.of(collection)

@@ -149,7 +149,12 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     bpy.ops.cairn.check()
     assert panels.expected("STANDARD") and panels.reliance()
     assert all(0 < low < high for low, high in running.plan["times"].values())
-    running.plan["times"] = {"DRAFT": (0.3, 0.8), "PREVIEW": (0.3, 1.4), "STANDARD": (27.1, 69.4), "FINE": (100.0, 625.0)}
+    running.plan["times"] = {
+        "DRAFT": (0.3, 0.8),
+        "PREVIEW": (0.3, 1.4),
+        "STANDARD": (27.1, 69.4),
+        "FINE": (100.0, 625.0),
+    }
     assert [panels.expected(name) for name in ("DRAFT", "PREVIEW", "STANDARD", "FINE", "PAPER")] == [
         "<1 s",
         "0–1 s",
