@@ -199,6 +199,20 @@ def test_an_object_that_is_meant_is_selected(desk):
     assert "not in this view layer" in refusal(lambda: bpy.ops.cairn.select(object="Nobody"))
 
 
+def test_an_estimate_that_was_begun_is_ended_although_nobody_looks(desk, addon, monkeypatch):
+    estimates = addon("estimates")
+
+    def reading():
+        while True:
+            yield
+
+    monkeypatch.setattr(estimates, "_seen_at", -1e9)
+    monkeypatch.setattr(estimates, "_slices", reading())
+    assert estimates._look() == estimates.PAUSE
+    estimates._give_up()
+    assert estimates._look() is None
+
+
 def test_warnings_are_told_once_and_in_words(addon):
     gathered = addon("wording").gathered
     tail = ": the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
