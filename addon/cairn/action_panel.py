@@ -27,15 +27,18 @@ def draw(layout, context, settings):
         lines = "A bake was running", "when this file was closed."
     else:
         lines = _draw_bake(row, context, settings, not lacking and not problem)
-    column = layout.column(align=True)
-    # Always two lines.
-    for line in lines:
-        column.label(text=line)
+    if is_running() or not lacking:
+        column = layout.column(align=True)
+        # Always two lines.
+        for line in lines:
+            column.label(text=line)
     if is_running():
         layout.operator("cairn.enough", icon="CHECKMARK")
         return
     if lacking:
         wrapped(layout, context, lacking, "INFO")
+        if not request.props_of(settings):
+            layout.operator("cairn.add_examples", icon="SCENE_DATA")
     elif problem:
         wrapped(layout, context, problem, "ERROR")
         layout.operator("cairn.preferences", icon="PREFERENCES")

@@ -13,6 +13,7 @@ from mathutils.bvhtree import BVHTree
 from . import (
     axes,
     belongings,
+    keyframes,
     others,
     outline,
     painted,
@@ -45,11 +46,12 @@ RATE = 12.0
 def still_copy(scene, collection):
     """Makes a copy of a pile's final pose, as objects without animation. The pile itself is hidden, and stays."""
     frame, end = scene.frame_current, timing.end_of(collection)
-    # Changing the frame and back takes as long as everything else; after a bake, the current frame is the right one.
-    if frame != end:
+    root, bodies = roots.of(collection), belongings.bodies(collection)
+    # Changing the frame and back takes as long as everything else, and is not needed for what a bake has made.
+    is_plain = (root is None or root.animation_data is None) and all(map(keyframes.is_plain, bodies))
+    if frame != end and not is_plain:
         scene.frame_set(end)
     made = bpy.data.collections.new(f"{collection.name} Edited")
-    root = roots.of(collection)
     if root is not None:
         root = root.copy()
         root.animation_data_clear()
@@ -58,15 +60,17 @@ def still_copy(scene, collection):
         root.cairn.made_name = root.name
         made.objects.link(root)
     copies = []
-    for body in belongings.bodies(collection):
-        copy = body.copy()
+    for body in bodies:
+        copy, action = body.copy(), body.animation_data and body.animation_data.action
         copy.animation_data_clear()
         copy.matrix_basis = body.matrix_basis
+        if action and is_plain:
+            keyframes.pose(copy, action, end)
         if body.parent is not None and body.parent.cairn.is_root:
             copy.parent = root
         made.objects.link(copy)
         copies.append(copy)
-    if frame != end:
+    if frame != end and not is_plain:
         scene.frame_set(frame)
     scene.collection.children.link(made)
     for prop in collection.cairn.bl_rna.properties:

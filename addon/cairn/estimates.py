@@ -69,7 +69,8 @@ def asked(context):
 def _look():
     """The timer: takes an answer, reads the next part, or starts a request."""
     global _before, _asked, _answer, is_too_much
-    if time.monotonic() - _seen_at > SEEN and _answer is None:
+    # What was begun is ended: nothing would call it again until the panel is drawn the next time.
+    if time.monotonic() - _seen_at > SEEN and _answer is None and _slices is None:
         return None
     if _slices is not None:
         _read_on()

@@ -122,6 +122,9 @@ class CAIRN_OT_add_examples(Operator):
         made = [add(name) for name in SCENES]
         if context.window:
             context.window.scene = made[0]
+        view = context.region_data
+        if view:
+            view.view_location, view.view_distance = (0.0, 0.0, 0.4), 3.6
         self.report({"INFO"}, "Five scenes were added. Choose one at the top of the window, and press Bake Pile")
         return {"FINISHED"}
 

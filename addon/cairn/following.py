@@ -107,7 +107,8 @@ class Follows:
             if event.type != "TIMER":
                 # While the scene is read or objects are made, edits of the artist would fall between them.
                 is_free = self.slices is None and self.writer is None and self.made is None
-                return {"PASS_THROUGH"} if is_free or _is_in_sidebar(context, event) else {"RUNNING_MODAL"}
+                may_press = _is_in_sidebar(context, event) and not bake.is_closing
+                return {"PASS_THROUGH"} if is_free or may_press else {"RUNNING_MODAL"}
             try:
                 return self._tick(context, bake)
             except Exception:
@@ -119,7 +120,7 @@ class Follows:
     def _is_meant(self, context, event):
         """Whether Esc means this bake: not a playback, nor an operation in another editor."""
         region, _ = region_at(context, event)
-        return bool(region) and not context.screen.is_animation_playing
+        return bool(region) and not context.screen.is_animation_playing and not running.bake.is_closing
 
     def _tick(self, context, bake):
         if bake.end == "stopped" and not self.made:
@@ -177,7 +178,8 @@ class Follows:
         try:
             while time.monotonic() < until:
                 share = next(self.writer)
-                bake.written = share if share is not None else bake.written
+                bake.is_closing = share == result.CLOSING
+                bake.written = bake.written if share is None or bake.is_closing else share
         except StopIteration as end:
             # Blender adds the new objects before the frame changes: each takes a moment.
             self.writer, self.made = None, end.value

@@ -63,9 +63,26 @@ def retime(action, before, after):
         curve.update()
 
 
+def is_plain(shown):
+    """Whether `pose` knows all that an object's animation does."""
+    data = shown.animation_data
+    if data is None:
+        return True
+    if data.drivers or data.nla_tracks or (HAS_SLOTS and data.action and len(data.action.slots) > 1):
+        return False
+    curves = _all_curves(data.action) if data.action else ()
+    return all(curve.data_path in shown.bl_rna.properties for curve in curves)
+
+
 def freeze(body, frame):
     """Sets an object to its action's pose at a frame, and removes the action."""
-    for curve in _all_curves(body.animation_data.action):
+    pose(body, body.animation_data.action, frame)
+    body.animation_data_clear()
+
+
+def pose(body, action, frame):
+    """Sets an object without animation to the pose that an action has at a frame."""
+    for curve in _all_curves(action):
         name, value = curve.data_path, curve.evaluate(frame)
         if name in body.bl_rna.properties:
             prop = body.bl_rna.properties[name]
@@ -73,7 +90,6 @@ def freeze(body, frame):
                 getattr(body, name)[curve.array_index] = value
             else:
                 setattr(body, name, bool(round(value)) if prop.type == "BOOLEAN" else value)
-    body.animation_data_clear()
 
 
 def digest(action, made):

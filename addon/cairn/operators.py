@@ -67,7 +67,7 @@ class CAIRN_OT_stop(Operator):
 
     @classmethod
     def poll(cls, _):
-        return is_running()
+        return is_running() and not running.bake.is_closing
 
     def execute(self, _):
         running.bake.stop()

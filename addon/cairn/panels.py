@@ -132,9 +132,9 @@ def effect_of(settings):
     kept = f"about {high}%" if low == high else f"{low} to {high}%"
     lines = [f"Keeps {kept} of the shape"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
-        return [*lines, "No glue: overhanging bodies fall"]
+        return [*lines, "No glue: overhangs fall"]
     if settings.kept_shape == "TACKY":
-        return [*lines, "Bodies that need stronger glue fall"]
+        return [*lines, "Bodies that need more fall"]
     dots = known["dots"].get(settings.accuracy, 0.0)
     # The range that the plan states.
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
@@ -155,7 +155,9 @@ def draw_container(layout, settings):
 def draw_source(layout, settings):
     """Draws where the props come from."""
     # Across the whole width, so that nothing is cut.
-    row = layout.row(align=True)
+    column = layout.column(align=True)
+    column.label(text="Props From")
+    row = column.row(align=True)
     row.use_property_split = False
     row.prop(settings, "prop_source", expand=True)
     if settings.prop_source == "COLLECTION":
@@ -250,7 +252,7 @@ def expected(accuracy):
         return f"<1 {unit}"
     # More digits would suggest too much precision.
     low, high = (f"{float(f'{value:.2g}'):g}" if value >= 10 else f"{value:.0f}" for value in (low, high))
-    return f"{'<1' if low == '0' else low}–{high} {unit}" if low != high else f"{low} {unit}"
+    return f"{low}–{high} {unit}" if low != high else f"{low} {unit}"
 
 
 def overlap(accuracy):
@@ -297,7 +299,7 @@ def draw_field(layout, context, group, field):
     room = signs_of(context, "CHECKBOX")
     longest = max((len(item[0]) for item in field.get("items", ())), default=6)
     if len(title) + 1 + max(len(known), longest + 2 if is_set else 0) <= room:
-        row = layout.split(factor=(len(title) + 4) / (room + 4))
+        row = layout.split(factor=(len(title) + 7) / (room + 7))
     else:
         row = layout.column(align=True)
     row.use_property_split = False

@@ -10,8 +10,9 @@ from .panels import Pile, draw_field, draw_optional
 from .schema import GROUPS, OF_CONTAINERS, fields_of, knows
 
 
-# Fields that other panels draw.
-DRAWN = {("Fill", "count"), ("Fill", "shell"), *OF_CONTAINERS}
+# Fields of the result that only measure it; and fields that other panels draw.
+MEASURED = {("Output", "free_standing"), ("Output", "free_pour")}
+DRAWN = {("Fill", "count"), ("Fill", "shell"), *OF_CONTAINERS, *MEASURED}
 
 
 class _Parameters(Pile):
@@ -140,6 +141,9 @@ class CAIRN_PT_figures(_Advanced, Panel):
 
     def draw_more(self, layout, settings):
         draw_whole(layout, settings, "use_report")
+        for field in fields_of("Output"):
+            if ("Output", field["name"]) in MEASURED:
+                draw_field(layout, bpy.context, settings.output, field)
 
 
 class CAIRN_PT_keep(_Parameters, Panel):

@@ -14,8 +14,8 @@ FIGURES = [
     ("at_rest_fraction", "At Rest", "{:.1%}"),
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Of the meshes, where bodies meet: 95 of 100 are smaller.
-    ("visible_depth_p95", "Seen Overlap", panels.length),
-    ("visible_gap_p95", "Seen Gap", panels.length),
+    ("visible_depth_p95", "Visible Overlap", panels.length),
+    ("visible_gap_p95", "Visible Gap", panels.length),
 ]
 
 # Dots of glue that are listed: those that carry most.
@@ -117,7 +117,7 @@ def draw_shares(layout, collection):
         return
     by_volume = running.recipe_of(collection)["settings"].get("weigh_by") == "VOLUME"
     column = layout.column(align=True)
-    draw_figure(column, "Bodies of Each Prop" if by_volume else "Share: Reached (Wanted)", "")
+    column.label(text="Bodies of Each Prop" if by_volume else "Shares: Reached (Wanted)")
     for name, wanted, reached, count in shares:
         draw_figure(column, name, str(count) if by_volume else f"{percent(reached)} ({percent(wanted)})", 0.55)
 
@@ -158,6 +158,8 @@ class CAIRN_PT_holds(Pile, Panel):
 
 
 def _said(load):
+    if 0 < load < 0.01:
+        return "<0.01"
     return f"{load:.0f}" if load >= 10 else f"{load:.2g}"
 
 

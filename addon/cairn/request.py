@@ -120,6 +120,8 @@ def missing(settings):
         return "Choose the mesh that gives the pile its shape."
     if settings.control_mesh.type != "MESH":
         return "Choose a mesh as the shape."
+    if settings.id_data not in settings.control_mesh.users_scene:
+        return f"The shape “{settings.control_mesh.name}” is not in this scene any more. Choose another one."
     if not props_of(settings):
         return "Choose the props of the pile: a collection of objects, or some objects in the list."
     piles = others.of(settings.id_data, settings.control_mesh)
@@ -240,8 +242,12 @@ def taking(context, passive=False):
     names.update(extras.names)
     props += extras.props
     # The server may count where it does not name.
-    scenery = [source for source, _ in statics + piles]
-    counted = {"props": [prop.source for prop in props[: len(chosen)]], "statics": scenery}
+    counted = {
+        "props": [prop.source for prop in props],
+        "statics": [*(source for source, _ in statics + piles), *extras.moved],
+        "bodies": [prop.source for prop in extras.props],
+        "emitters": [settings.drop_mesh] if settings.drop_mesh else [],
+    }
     for kind, sources in counted.items():
         names.update((f"{kind}.{number}", source.name) for number, source in enumerate(sources))
     missed = left_out(settings)

@@ -23,8 +23,10 @@ from .client import Fault
 
 # Bodies up to which `AUTO` animates objects. More of them make Blender slow.
 MAX_OBJECTS = 2000
-# Bodies that are made between two looks at the clock.
-BATCH = 4
+# Bodies that are made, removed and named between two looks at the clock.
+BATCH, REMOVED, NAMED = 4, 16, 64
+# What `build` yields once the pile is in the scene: it only removes what the pile replaces, which cannot be stopped.
+CLOSING = "closing"
 
 
 class BodyMotion:
@@ -119,7 +121,7 @@ def mode_of(recipe, body_count):
 
 def build(context, motion, recipe, record):
     """Makes the pile. A generator: now and then it yields how far it is, so that Blender stays awake; nothing of the
-    pile is in the scene before the end. `record`: what the collection remembers. Returns the collection."""
+    pile is in the scene before all of it is made. `record`: what the collection remembers. Returns the collection."""
     scene, found = pointers.asked(recipe)
     scene = scene or context.scene
     control = found.get("control") or bpy.data.objects.get(recipe["control"])
@@ -161,10 +163,9 @@ def build(context, motion, recipe, record):
 
     if before:
         # Reported with the other notes of the bake.
-        recipe["notes"] = [*recipe.get("notes", ()), *filter(None, [clear(before, own, others)])]
+        recipe["notes"] = [*recipe.get("notes", ()), *filter(None, [_taken_out(before, own, others)])]
         roots.settle(root, corners)
     collection = before or _collection(scene, control, name, recipe, record)
-    _name(objects, made)
     # Slow for many one by one; and until here nobody has seen them.
     _link([root, *objects] if is_new else objects, collection)
     for shown in objects:
@@ -182,7 +183,21 @@ def build(context, motion, recipe, record):
     collection.cairn.counts = json.dumps(np.bincount(moved.props, minlength=len(made)).tolist())
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
+    closing = _closing(own, () if mode == "POINTS" else objects, made)
+    try:
+        for _ in closing:
+            yield CLOSING
+    except GeneratorExit:
+        # Blender closes the file, or ends.
+        _finish(closing)
+        raise
     return collection
+
+
+def _closing(own, objects, made):
+    """A generator: removes the bodies that were replaced, and names the new ones like them."""
+    yield from _removing(own)
+    yield from _naming(objects, made)
 
 
 def sources_of(recipe, found):
@@ -196,15 +211,14 @@ def _link(objects, collection):
         collection.objects.link(made_object)
 
 
-def _name(objects, made):
-    """Numbers the bodies from 1. The pile that they replace is gone."""
+def _naming(objects, made):
+    """A generator: numbers the bodies from 1. The pile that they replace is gone."""
     digits = max(3, len(str(len(objects))))
     # Up to Blender 4.2, another block with the name would lose it.
     taken, used = set(bpy.data.objects.keys()), set(bpy.data.actions.keys())
     for number, shown in enumerate(objects):
-        if not shown.cairn.mark:
-            # Points.
-            continue
+        if number % NAMED == 0:
+            yield
         name = f"{_base(made[shown.cairn.prop])} Body {number + 1:0{digits}}"
         if name not in taken:
             shown.name = name
@@ -295,12 +309,19 @@ def _remember(scene, collection, recipe, record, mode, control):
     note.report = json.dumps(record)
 
 
-def clear(collection, own=None, others=None):
+def clear(collection):
     """Removes what the bake made in a pile and nobody changed, and the data that only that used; the pile's empty
-    stays. Everything else is moved out: gives a sentence about it. `own`, `others`: as `belongings` sorts them."""
+    stays. Everything else is moved out: gives a sentence about it."""
+    own, others = _finish(belongings.sorted_out(collection))
+    said = _taken_out(collection, own, others)
+    _remove(own)
+    return said
+
+
+def _taken_out(collection, own, others):
+    """Takes everything but the pile's empty out of a pile's collection, and moves the artist's things beside it. Gives
+    a sentence about those. `own`, `others`: as `belongings` sorts them."""
     states.restore()
-    if own is None:
-        own, others = _finish(belongings.sorted_out(collection))
     # Something may have come in since.
     mine, root = set(own), roots.of(collection)
     others = [*others, *(shown for shown in collection.objects if shown != root and shown not in mine)]
@@ -314,18 +335,30 @@ def clear(collection, own=None, others=None):
     prop_collections.remove(collection)
     said = belongings.said(collection.name, others, theirs, place, freed)
     collection.cairn.pointers.clear()
-    _remove(own)
+    for shown in own:
+        if shown.name in collection.objects:
+            collection.objects.unlink(shown)
     return said
 
 
 def _remove(objects, made=()):
     """Removes objects that a bake made, and the data that only they used. `made`: parts that are not needed either."""
+    _finish(_removing(objects, made))
+
+
+def _removing(objects, made=()):
+    """The same as a generator, which yields now and then."""
     before = _made_by(objects, made)
-    bpy.data.batch_remove(objects)
+    yield from _removing_all(objects)
     # Data that refers to other data comes first.
     for ids in before:
-        unused = [data for data in ids if data.users == 0]
-        bpy.data.batch_remove(unused)
+        yield from _removing_all([data for data in ids if data.users == 0])
+
+
+def _removing_all(blocks):
+    for batch in range(0, len(blocks), REMOVED):
+        bpy.data.batch_remove(blocks[batch : batch + REMOVED])
+        yield
 
 
 def _finish(generator):

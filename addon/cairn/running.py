@@ -60,8 +60,8 @@ class Bake:
         self.preview = None
         # What there was when it was stopped: more may still arrive.
         self.stopped_at = None
-        # Share of the writing, once there is a result.
-        self.written = None
+        # Share of the writing, once there is a result; and whether only what the pile replaces is left to be removed.
+        self.written, self.is_closing = None, False
         self.began = time.monotonic()
 
     def ask(self, request):
@@ -106,7 +106,7 @@ class Bake:
 
     def may_be_enough(self):
         """Whether there are frames that may be the whole result."""
-        return self.frame_count > 1 and not self.end and not self.is_stopping
+        return self.frame_count > 1 and not self.end and not self.is_stopping and not self.is_closing
 
     def be_enough(self):
         """Ends the bake at the frames that there are, which are the result."""

@@ -18,15 +18,42 @@ PANELS = {
     "effects": "Advanced, Solver Features",
     "report": "Advanced, Measures",
 }
+# Parameters that have another label, or another place than their group: where an artist finds them.
+PLACES = {
+    "fill.count": "“Count” in the panel Size and Order",
+    "fill.gaps": "“Small Props Fill Gaps” in the panel Size and Order",
+    "fill.heap": "“Heap” below the shape",
+    "fill.layout": "“Mixture” in the panel Size and Order",
+    "fill.level": "“Level” below the shape",
+    "fill.order": "“Order” in the panel Size and Order",
+    "fill.shake": "“Shake” in the panel Size and Order",
+    "fill.share": "“Share” below the shape",
+    "fill.surface": "“Surface” in the panel Size and Order",
+    "glue.mode": "the panel Shape Support",
+    "glue.strength": "“Glue Strength” in the panel Shape Support",
+    "output.free_pour": "“Free Pour” in the panel Advanced, Measures",
+    "output.free_standing": "“Free Standing” in the panel Advanced, Measures",
+    "output.frames": "“Frames” in the panel Output",
+}
+GROUND = "in the panel Ground and Colliders"
 MESSAGES = {name: message for message, name in GROUPS.items()}
 FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\w+\"|[\w.]+))?")
 # A thing of the scene by its number, and a body of the result with its prop's name.
-COUNTED = re.compile(r"`?\b(prop|static)s?(?:\.| |\[)(\d+)\]?`?")
+COUNTED = re.compile(r"`?\b(?:(prop|static)s?[. \[]|(bodie|emitter)s[.\[])(\d+)\]?`?")
 BODY = re.compile(r"\b(\d+) \(([^()]+)\)")
 OTHERS = [
+    # What the scene has, not each collider.
+    (re.compile(r"`?statics\.\d+\.friction`? or the props'"), f"“Friction” {GROUND}, or in Prop Physics"),
+    (re.compile(r"`?ground = true`?"), f"“Ground” {GROUND}"),
+    (re.compile(r"\bset (?=“Ground”)"), "tick "),
+    (re.compile(r"\badd statics or kept bodies\b"), "choose colliders"),
+    (re.compile(r" \(ground_height\)"), ""),
+    (re.compile(r"\bleave ground_height out\b"), f"untick “Height” {GROUND}"),
+    (re.compile(r"\bshape_iou\b"), "“Shape Overlap”"),
     (re.compile(r"\bcontrol[ _]mesh\b"), "shape"),
     (re.compile(r"\bControl mesh\b"), "Shape"),
     (re.compile(r"`([^`]*)`"), r"“\1”"),
+    (re.compile(r"(\d) %"), r"\1%"),
 ]
 
 
@@ -40,6 +67,9 @@ def said(text):
 
 def _parameter(found):
     group, name, value = found.groups()
+    place = PLACES.get(f"{group}.{name}")
+    if place:
+        return place + (f" ({title(value[3:].strip(chr(34)))})" if value else "")
     known = {field["name"] for field in FIELDS.get(MESSAGES[group], [])}
     if name not in known:
         return found[0]
@@ -53,8 +83,9 @@ def _counted(text, names):
     things = []
 
     def name(found):
-        known = names.get(f"{found[1]}s.{found[2]}")
-        if known is None:
+        known = names.get(f"{found[1] or found[2]}s.{found[3]}")
+        # A setting of a thing is in the panel, not in the thing.
+        if known is None or text[found.end() :].startswith(".friction"):
             return found[0]
         things.append(known)
         return f"“{known}”"

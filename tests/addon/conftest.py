@@ -14,6 +14,8 @@ ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "target" / "release" / ("cairn.exe" if os.name == "nt" else "cairn")
 # glTF's axes -> Blender's, written here once more, so that the add-on's own conversion is tested.
 TURN = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)
+# For what is the same in all versions of Blender, and takes long.
+once = pytest.mark.skipif(bpy.app.version < (5, 0), reason="it is the same in all versions, and runs in the newest")
 
 
 @pytest.fixture(scope="session")

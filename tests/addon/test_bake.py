@@ -149,9 +149,15 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     bpy.ops.cairn.check()
     assert panels.expected("STANDARD") and panels.reliance()
     assert all(0 < low < high for low, high in running.plan["times"].values())
-    running.plan["times"] = {"DRAFT": (0.3, 0.8), "STANDARD": (27.1, 69.4), "FINE": (100.0, 625.0)}
-    assert [panels.expected(name) for name in ("DRAFT", "STANDARD", "FINE", "PAPER")] == [
+    running.plan["times"] = {
+        "DRAFT": (0.3, 0.8),
+        "PREVIEW": (0.3, 1.4),
+        "STANDARD": (27.1, 69.4),
+        "FINE": (100.0, 625.0),
+    }
+    assert [panels.expected(name) for name in ("DRAFT", "PREVIEW", "STANDARD", "FINE", "PAPER")] == [
         "<1 s",
+        "0–1 s",
         "27–69 s",
         "2–10 min",
         "",
@@ -182,11 +188,20 @@ def test_what_glue_does_is_told_before_the_bake(desk, addon):
         shares[shape] = addon("running").plan["kept"]["STANDARD"]
         lines = panels.effect_of(desk.settings)
         assert len(lines) == 2 and lines[0].startswith("Keeps ") and "%" in lines[0], lines
+        # So many signs are not cut at the sidebar's default width.
+        assert max(map(len, lines)) <= 29, lines
         # With a bound of their strength, how many dots there will be is not known.
         assert ("dots" in lines[1]) == (shape == "AS_MODELLED"), lines
     # The highest of ten: less glue keeps less.
     assert shares["NATURAL"][1] < shares["TACKY"][1] <= shares["AS_MODELLED"][1]
     assert shares["NATURAL"][0] < 0.5 < shares["AS_MODELLED"][0]
+
+
+def test_a_shape_that_was_deleted_is_told(desk, addon):
+    desk.add_stick()
+    desk.control.users_collection[0].objects.unlink(desk.control)
+    with pytest.raises(RuntimeError, match="“Heap” is not in this scene any more"):
+        bpy.ops.cairn.bake()
 
 
 def test_without_a_ground_there_is_something_to_fall_on(desk, addon):

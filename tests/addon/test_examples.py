@@ -4,17 +4,21 @@ import bpy
 import numpy as np
 import pytest
 from blocks import bodies_of
+from conftest import once
 
 NAMES = ("Firewood", "Rubble", "Oranges", "Books", "Cans")
 
 
-@pytest.mark.parametrize("name", NAMES)
+# Every Blender makes them; what they are baked to is the same.
+@pytest.mark.parametrize("name", ["Books", *(pytest.param(name, marks=once) for name in NAMES if name != "Books")])
 def test_an_example_is_baked(addon, name):
     assert bpy.ops.cairn.add_examples() == {"FINISHED"}
     assert set(NAMES) <= set(bpy.data.scenes.keys())
     scene = bpy.data.scenes[name]
     assert addon("request").missing(scene.cairn) == "" and scene.camera
     scene.cairn.accuracy, scene.cairn.output_mode = "DRAFT", "POSE"
+    # The bottom of the pile does, and takes less time.
+    scene.cairn.fill.use_count, scene.cairn.fill.count = True, 80
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         assert bpy.ops.cairn.bake() == {"FINISHED"}
     pile = addon("result").existing(scene, scene.cairn.control_mesh)

@@ -199,6 +199,20 @@ def test_an_object_that_is_meant_is_selected(desk):
     assert "not in this view layer" in refusal(lambda: bpy.ops.cairn.select(object="Nobody"))
 
 
+def test_an_estimate_that_was_begun_is_ended_although_nobody_looks(desk, addon, monkeypatch):
+    estimates = addon("estimates")
+
+    def reading():
+        while True:
+            yield
+
+    monkeypatch.setattr(estimates, "_seen_at", -1e9)
+    monkeypatch.setattr(estimates, "_slices", reading())
+    assert estimates._look() == estimates.PAUSE
+    estimates._give_up()
+    assert estimates._look() is None
+
+
 def test_warnings_are_told_once_and_in_words(addon):
     gathered = addon("wording").gathered
     tail = ": the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
@@ -225,6 +239,15 @@ def test_warnings_name_objects_not_numbers(desk, addon):
     (thin, larger, missing, twice) = wording.gathered(texts, names)
     assert thin == ("“Block”: too thin", ["Block"]) and larger == ("“Stick” is larger than “Block”", ["Stick", "Block"])
     assert missing == ("Prop 9 is missing", []) and twice == ("“Stick” is open", ["Stick"])
+    # Settings are named as the panels have them, and where they are.
+    names = {"statics.0": "Hill", "emitters.0": "Chute", "bodies.0": "Ball"}
+    texts = ["friction 0.60 holds up to 31 degrees: raise statics.0.friction or the props', or the pile slides"]
+    texts += ["emitters.0: only 3 of 9 could appear: there was no free spot left", "bodies.0: slow it down"]
+    texts += ["move it over scenery, or set ground = true", "shaking was undone; lower fill.shake, or leave it out"]
+    slides, chute, ball, ground, shake = (text for text, _ in wording.gathered(texts, names))
+    assert "raise “Friction” in the panel Ground and Colliders, or in Prop Physics" in slides
+    assert chute.startswith("“Chute”: Only 3") and ball.startswith("“Ball”: Slow")
+    assert "tick “Ground” in the panel Ground and Colliders" in ground and "lower “Shake” in the panel Size" in shake
     first, last = bodies_of(pile)[0], bodies_of(pile)[-1]
     text = f"bodies 0 (Stick), {len(bodies_of(pile)) - 1} (Stick) (2 in all) fell"
     assert wording.with_bodies([text], pile) == [f"bodies “{first.name}”, “{last.name}” (2 in all) fell"]

@@ -61,6 +61,8 @@ def surface(props):
         bpy.ops.surface.primitive_nurbs_surface_sphere_add(radius=0.12)
     made = bpy.context.object
     made.name = "Surface"
+    # Each corner is compared with each.
+    made.data.resolution_u = made.data.resolution_v = 2
     made.data.materials.append(material("red"))
     for holder in list(made.users_collection):
         holder.objects.unlink(made)

@@ -77,7 +77,7 @@ def test_a_draft_follows_the_scene(desk, addon, live, monkeypatch):
     desk.settings.seed = 5
     assert turn(lambda: len(drawn) == 2)
     assert len(asked) == 2 and drawn[0] is None and asked[1].spec.scene.seed == 5
-    assert turn(lambda: False, 1.0) is False and len(asked) == 2
+    assert turn(lambda: False, 1.2 * live.REST) is False and len(asked) == 2
     desk.control.scale.z, desk.settings.seed = 1.0, 1
     assert (all_blocks(), bpy.context.scene.frame_current) == before
     live.show(False)

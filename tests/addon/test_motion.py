@@ -107,6 +107,26 @@ def test_what_is_given_up_on_the_way_leaves_nothing(desk, addon, mode):
     assert count_blocks() == blocks
 
 
+@pytest.mark.parametrize("is_left", [False, True])
+def test_a_pile_is_replaced_in_small_steps(desk, addon, is_left):
+    result, motion = addon("result"), made_up(addon, bodies=50)
+    before = write(desk, motion, "ANIMATION")
+    names, blocks = {body.name for body in bodies_of(before)}, count_blocks()
+    writer = result.build(bpy.context, motion, recipe_of(desk, "ANIMATION"), {})
+    # The old one is whole until all of the new one is there.
+    while next(writer) != result.CLOSING:
+        assert names <= {body.name for body in bodies_of(before)}
+    assert len(bodies_of(before)) == 50 and not names & {body.name for body in bodies_of(before)}
+    counts = [len(bpy.data.objects)]
+    if is_left:
+        # The file is closed, for example: what was begun is done.
+        writer.close()
+    for _ in writer:
+        counts.append(len(bpy.data.objects))
+    assert is_left or max(np.abs(np.diff(counts))) == result.REMOVED
+    assert count_blocks() == blocks and {body.name for body in bodies_of(before)} == names
+
+
 def test_what_stands_still_is_not_keyed(desk, addon):
     motion = made_up(addon)
     collection = write(desk, motion, "ANIMATION")

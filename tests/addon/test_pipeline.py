@@ -214,7 +214,7 @@ def test_other_programs_get_the_motion(desk, form, tmp_path):
 
 
 def test_a_pile_of_which_only_the_surface_is_made_of_props(desk, addon):
-    desk.add_stick("Twig", (0.2, 0.08, 0.07))
+    desk.add_stick("Twig", (0.22, 0.1, 0.09))
     full = len(bodies_of(desk.bake(kept_shape="NATURAL")))
     assert not desk.request.spec.scene.fill.HasField("shell")
     desk.settings.fill.use_shell, desk.settings.fill.shell = True, 0.6

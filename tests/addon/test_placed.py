@@ -129,7 +129,7 @@ def test_how_props_lie(placing):
     set_here = {
         "order": 0.9,
         "surface": 0.25,
-        "shake": 2.5,
+        "shake": 0.3,
         "layout": "BANDS",
         "sort_by": "MASS",
         "descending": True,
@@ -141,7 +141,7 @@ def test_how_props_lie(placing):
     made = placing.bake(output_mode="POSE")
     v1 = placing.addon("messages").v1
     fill = placing.request.spec.scene.fill
-    assert (fill.order, fill.surface, fill.shake) == (0.9, 0.25, 2.5)
+    assert (fill.order, fill.surface, fill.shake) == pytest.approx((0.9, 0.25, 0.3))
     assert (fill.layout, fill.sort_by) == (v1.LAYOUT_BANDS, v1.SORT_BY_MASS)
     assert fill.descending and fill.gaps
     # Blender's -Y is the server's Z.

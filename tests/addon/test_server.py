@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import PROGRAM
+from conftest import PROGRAM, once
 
 PATIENCE = 60.0
+# Blender has no part in it.
+pytestmark = once
 # The add-on's server, without Blender: prints that it is there, and stays.
 USER = """
 import sys, time, types

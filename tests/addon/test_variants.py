@@ -7,7 +7,7 @@ from unittest.mock import MagicMock
 import bpy
 import pytest
 from blocks import bodies_of
-from conftest import count_blocks
+from conftest import count_blocks, once
 
 
 def test_a_pile_of_another_seed_stays(desk, addon):
@@ -71,6 +71,7 @@ def test_glue_is_tried_with_each_seed(desk, addon):
     assert "dots" in results["Seed 1, As Modeled"] and "no glue" in results["Seed 1, Natural"]
 
 
+@once
 def test_strengths_are_tried_on_request(desk, addon):
     desk.add_stick()
     desk.control.scale = (1.0, 0.35, 1.6)

@@ -24,7 +24,7 @@ from window import install, make_scene, start
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
 # there; the button; and Stop, at the right end of the same row while a bake runs.
 TAB = 1144, 192
-BAKE = 1000, 228
+BAKE = 1000, 249
 STOP_X = 1106
 VIEW = 600, 500
 OUTLINER = 1270, 170

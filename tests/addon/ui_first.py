@@ -19,9 +19,9 @@ from window import install, make_scene, start
 CLICKS = {
     "tab": (1114, 238),
     "shape": (1000, 150),
-    "props": (1040, 196),
-    "collection": (1038, 249),
-    "bake": (975, 228),
+    "props": (1040, 217),
+    "collection": (1038, 270),
+    "bake": (975, 249),
 }
 
 
