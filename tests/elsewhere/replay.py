@@ -222,9 +222,11 @@ def main(paths):
     for path in paths:
         pile = read(path)
         bodies = sum(len(solid.middles()) for solid in pile.solids)
-        print(f"{path}: {bodies} bodies, {len(pile.solids)} solids", end=": ", flush=True)
+        print(
+            f"{path}: {bodies} bodies, {len(pile.solids)} solids; in place in MuJoCo and Bullet:", end=" ", flush=True
+        )
         seconds = 20 * pile.natural_time
-        print(f"MuJoCo {in_mujoco(pile, seconds):.2f}, Bullet {in_bullet(pile, seconds):.2f}", flush=True)
+        print(f"{in_mujoco(pile, seconds):.2f} {in_bullet(pile, seconds):.2f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ mod field_reports;
 mod files;
 mod glue;
 mod losses;
+mod mjcf;
 mod reader;
 mod render;
 mod usd;

@@ -29,8 +29,9 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms); - is the standard
-    /// output. The textures of a .usdc or .usda are written to the folder `textures` beside it
+    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms), .xml (a model for
+    /// MuJoCo); - is the standard output. The textures of a .usdc or .usda are written to the folder `textures` beside
+    /// it
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 

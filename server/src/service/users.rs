@@ -20,10 +20,13 @@ pub async fn all_gone(folder: Option<PathBuf>) {
     }
 }
 
-/// Whether a program holds a lock on a file in a folder. What cannot be read counts as used, so that no server ends by
-/// mistake.
+/// Whether a program holds a lock on a file in a folder. A folder that is gone has no users; what cannot be read counts
+/// as used, so that no server ends by mistake.
 fn is_used(folder: &Path) -> bool {
-    let Ok(entries) = fs::read_dir(folder) else { return true };
+    let entries = match fs::read_dir(folder) {
+        Ok(entries) => entries,
+        Err(error) => return error.kind() != std::io::ErrorKind::NotFound,
+    };
     entries.flatten().any(|entry| match File::open(entry.path()).map(|file| file.try_lock()) {
         Ok(Ok(())) => false,
         Ok(Err(TryLockError::WouldBlock | TryLockError::Error(_))) => true,
@@ -38,7 +41,7 @@ mod tests {
     #[test]
     fn a_folder_is_used_while_one_of_its_files_is_locked() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(is_used(&folder.path().join("none")));
+        assert!(!is_used(&folder.path().join("none")));
         assert!(!is_used(folder.path()));
         let held = [1, 2].map(|number| File::create(folder.path().join(format!("{number}.lock"))).unwrap());
         assert!(!is_used(folder.path()));

@@ -16,16 +16,25 @@ pub struct Instance {
     pub pose: Pose,
 }
 
-/// One of these props by weight, a scale from its range and an orientation from its own.
+/// One of these props by its own weight, a scale from its range and an orientation from its own.
 pub fn draw(props: &[Prop], among: impl Iterator<Item = usize> + Clone, rng: &mut impl Rng) -> (usize, f64, DQuat) {
-    let total: f64 = among.clone().map(|i| props[i].weight).sum();
+    draw_by(props, among.map(|i| (i, props[i].weight)), rng)
+}
+
+/// The same by other weights.
+pub fn draw_by(
+    props: &[Prop],
+    among: impl Iterator<Item = (usize, f64)> + Clone,
+    rng: &mut impl Rng,
+) -> (usize, f64, DQuat) {
+    let total: f64 = among.clone().map(|(_, weight)| weight).sum();
     let mut at = rng.random_range(0.0..total);
-    let chosen = among.clone().find(|&i| {
-        at -= props[i].weight;
+    let chosen = among.clone().find(|&(_, weight)| {
+        at -= weight;
         at < 0.0
     });
     // Rounding may leave a remainder: it belongs to the last prop that can be drawn.
-    let prop = chosen.or_else(|| among.filter(|&i| props[i].weight > 0.0).last()).unwrap_or(0);
+    let (prop, _) = chosen.or_else(|| among.filter(|&(_, weight)| weight > 0.0).last()).unwrap_or((0, 0.0));
     let [lo, hi] = props[prop].scale;
     let scale = lo + (hi - lo) * libm::pow(rng.random::<f64>(), props[prop].scale_power());
     (prop, scale, random_rotation(&props[prop], rng))

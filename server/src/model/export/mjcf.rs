@@ -69,11 +69,11 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Enco
         })?;
         Ok(())
     })?;
-    let mut left_out = vec!["the look of the props: programs show their collision shapes".to_string()];
-    if !scene.scenery.is_empty() {
-        left_out.push("scenery: add it to the model as geoms".into());
-    }
-    Ok(Encoded { left_out, ..Encoded::single(xml.into_inner()) })
+    let is_bare = scene.scenery.is_empty();
+    let left_out = (!is_bare).then(|| {
+        "scenery: a MuJoCo model has none of it; add it there as geoms, or what leans on it falls".to_string()
+    });
+    Ok(Encoded { left_out: left_out.into_iter().collect(), ..Encoded::single(xml.into_inner()) })
 }
 
 /// Bodies that move as one, by their numbers, in the order of the first of each.

@@ -151,6 +151,11 @@ impl<'a> Filling<'a> {
         instance::draw(&self.task.scene.props, props.iter().copied(), &mut self.rng)
     }
 
+    /// One prop, a scale and an orientation, the props by these weights.
+    pub fn draw_by(&mut self, props: &[(usize, f64)]) -> (usize, f64, DQuat) {
+        instance::draw_by(&self.task.scene.props, props.iter().copied(), &mut self.rng)
+    }
+
     /// Adds a body with the friction of the fill.
     pub fn insert(&mut self, body: Instance) -> Result<BodyId, Error> {
         self.world.insert(&self.task.shapes[body.prop], body, self.task.params.fill.friction)

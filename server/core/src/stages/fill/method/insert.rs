@@ -70,6 +70,7 @@ impl Method for Insert {
         let mut history = vec![(0, filling.world.loose().count())];
         // Pairs that overlap too deeply, and for how many rounds in a row.
         let mut squeezed = BTreeMap::<(BodyId, BodyId), u32>::new();
+        let mut quota = Quota::new(filling, pass);
         for _ in 0..MAX_ROUNDS {
             let before = filling.world.loose().count();
             if before >= pass.limit {
@@ -78,7 +79,7 @@ impl Method for Insert {
             let missing = ((pass.limit - before) as f64 / keeps.max(LEAST_KEPT)).ceil();
             let wanted = (share * expected).ceil().min(missing) as usize;
             let first = filling.world.next_id();
-            let seeds = plant(filling, pass, wanted, &inside)?;
+            let seeds = plant(filling, pass, wanted, &inside, &mut quota)?;
             if seeds.is_empty() {
                 return Ok(true);
             }
@@ -115,8 +116,55 @@ impl Method for Insert {
     }
 }
 
+/// How many of each of several props there are to be, by their weights.
+struct Quota {
+    /// Props that find room at all, with their weights.
+    weights: Vec<(usize, f64)>,
+    /// What each lacks of its share of the bodies at the end of the round.
+    lacking: Vec<(usize, f64)>,
+}
+
+impl Quota {
+    fn new(filling: &Filling, pass: &Pass) -> Quota {
+        let weights: Vec<_> = pass.props.iter().map(|&i| (i, filling.task.scene.props[i].weight)).collect();
+        Quota { lacking: weights.clone(), weights }
+    }
+
+    /// A round begins that adds `wanted` bodies.
+    fn begin(&mut self, filling: &Filling, wanted: usize) {
+        let mut there: BTreeMap<usize, usize> = BTreeMap::new();
+        for id in filling.world.loose() {
+            *there.entry(filling.world.body(id).prop).or_default() += 1;
+        }
+        let here = |i: usize| there.get(&i).copied().unwrap_or(0) as f64;
+        let sum: f64 = self.weights.iter().map(|(_, weight)| weight).sum();
+        let all = self.weights.iter().map(|&(i, _)| here(i)).sum::<f64>() + wanted as f64;
+        self.lacking = self.weights.iter().map(|&(i, weight)| (i, (weight / sum * all - here(i)).max(0.0))).collect();
+    }
+
+    /// A seed of this prop found a place.
+    fn take(&mut self, prop: usize) {
+        for (i, lacks) in &mut self.lacking {
+            if *i == prop {
+                *lacks = (*lacks - 1.0).max(0.0);
+            }
+        }
+    }
+
+    fn is_met(&self) -> bool {
+        self.lacking.iter().all(|(_, lacks)| *lacks <= 0.0)
+    }
+}
+
 /// Puts up to `wanted` seeds at free places. Each comes with its full scale.
-fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) -> Result<Vec<(BodyId, f64)>, Error> {
+fn plant(
+    filling: &mut Filling,
+    pass: &Pass,
+    wanted: usize,
+    inside: &[DVec3],
+    quota: &mut Quota,
+) -> Result<Vec<(BodyId, f64)>, Error> {
+    quota.begin(filling, wanted);
     filling.world.update_contacts();
     let (task, container) = (filling.task, filling.task.container);
     // Each with the distance by which it may be outside the container.
@@ -128,7 +176,10 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
         if seeds.len() == wanted {
             break;
         }
-        let (prop, scale, rotation) = filling.draw(pass.props);
+        if quota.is_met() {
+            break;
+        }
+        let (prop, scale, rotation) = filling.draw_by(&quota.lacking);
         let (shape, size) = (&task.shapes[prop], SEED_SCALE * scale / task.units.length);
         // Outside there is room where there is none inside: no more than their share come from there.
         let is_outside =
@@ -144,8 +195,15 @@ fn plant(filling: &mut Filling, pass: &Pass, wanted: usize, inside: &[DVec3]) ->
             && filling.world.reserve(shape, SEED_SCALE * scale, &pose, &mut reserved)
         {
             outside_count += usize::from(is_outside);
+            quota.take(prop);
             seeds.push((Instance { prop, scale, pose }, outside));
         }
+    }
+    // What finds no room at all has no share.
+    let present: Vec<usize> = filling.world.loose().map(|id| filling.world.body(id).prop).collect();
+    let fits = |i: usize| present.contains(&i) || seeds.iter().any(|(seed, _)| seed.prop == i);
+    if !seeds.is_empty() {
+        quota.weights.retain(|&(i, _)| fits(i));
     }
     // Bodies that are near in space are near in memory: large piles spend their time waiting for that.
     let (low, extent) = (container.low, container.high - container.low);
