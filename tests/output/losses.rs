@@ -352,7 +352,14 @@ fn nothing_of_generated_files_is_lost_in_silence() {
     for number in 0..400 {
         let file = generated(&mut rng);
         let (name, text) = (format!("file {number}"), file.to_string());
-        let model = SourceModel { name: &name, file: &name, bytes: text.as_bytes(), node: None, resolve: &resolve };
+        let model = SourceModel {
+            name: &name,
+            file: &name,
+            bytes: text.as_bytes(),
+            node: None,
+            resolve: &resolve,
+            asset: None,
+        };
         let (notes, result) = noted(&model, &Disk::default()).expect("it has triangles");
         lost += check(&name, &file, &notes, &result);
     }

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 fn prop<'a>(name: &'a str, bytes: &'a [u8]) -> SourceModel<'a> {
-    SourceModel { name, file: "file.gltf", bytes, node: None, resolve: &no_files }
+    SourceModel { name, file: "file.gltf", bytes, node: None, resolve: &no_files, asset: None }
 }
 
 /// The text that a bake is written as.
@@ -184,7 +184,7 @@ fn stages_show_what_a_glb_shows() {
         let encoded = encode(format, &pile, &scene).unwrap();
         let beside = |name: &str| encoded.sidecars.get(name).cloned().ok_or_else(|| format!("there is no {name}"));
         let bytes = as_gltf(&encoded.bytes, &beside).unwrap_or_else(|what| panic!("{format:?}: {what}"));
-        let file = RenderModel { name: "pile", bytes: &bytes, resolve: &no_files };
+        let file = RenderModel { name: "pile", bytes: &bytes, resolve: &no_files, asset: None };
         let moments = [Moment::Frame(0), Moment::Frame(2), Moment::Frame(4), Moment::Seconds(0.07), Moment::End];
         let settings = |moment| Settings { moment, size: [120, 90], samples: 16, ..Settings::default() };
         moments.map(|moment| render(&file, None, &settings(moment)).unwrap()).into()

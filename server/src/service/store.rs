@@ -16,7 +16,7 @@ use crate::failpoints;
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::model::export::{Format, SIDECAR_FOLDER};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, SPEC, head_name, report_name, result_name};
+use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
 use crate::service::worker_message::ResultHead;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
@@ -171,7 +171,7 @@ impl Store {
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
         if !has(EVENTS, status.event_bytes) {
             Some("its events are truncated or missing".into())
-        } else if !Format::ALL.into_iter().any(|format| has(&result_name(format), result_bytes)) {
+        } else if !Format::ALL.into_iter().any(|format| has(&ResultKind::of(format).result_name(), result_bytes)) {
             Some("its result is truncated or missing".into())
         } else {
             None
@@ -205,13 +205,30 @@ impl Store {
         write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
     }
 
-    /// What describes a bake's result in a format, if it was made.
-    pub fn head(&self, id: &str, format: Format) -> Result<Option<ResultHead>> {
-        match fs::read(self.folder(id).join(head_name(format))) {
+    /// What describes a bake's result, if it was made.
+    pub fn head(&self, id: &str, kind: &ResultKind) -> Result<Option<ResultHead>> {
+        match fs::read(self.folder(id).join(kind.head_name())) {
             Ok(bytes) => Ok(ResultHead::decode(&bytes[..]).ok()),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
+    }
+
+    /// Keeps a layout of a bake's results in USD. `false`: it has too many of them.
+    pub fn keep_layout(&self, id: &str, layout: &str, request: &[u8]) -> Result<bool> {
+        /// Each may have three results.
+        const MOST: usize = 32;
+        let (folder, name) = (self.folder(id), layout_name(layout));
+        if folder.join(&name).is_file() {
+            return Ok(true);
+        }
+        let (first, last) = name.split_once(layout).unwrap_or_default();
+        let known = fs::read_dir(&folder)?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        if known.filter(|known| known.starts_with(first) && known.ends_with(last)).count() >= MOST {
+            return Ok(false);
+        }
+        write_atomically(&folder.join(name), request)?;
+        Ok(true)
     }
 
     /// Removes the files that an ended bake no longer needs: temporary files, and of one without a result assets and
@@ -223,7 +240,14 @@ impl Store {
             for name in [ASSETS, SIDECAR_FOLDER] {
                 let _ = fs::remove_dir_all(folder.join(name));
             }
-            let of_format = |format| [result_name(format), report_name(format), head_name(format)];
+            let of_format = |format| {
+                let kind = ResultKind::of(format);
+                [kind.result_name(), kind.report_name(), kind.head_name()]
+            };
+            let files = fs::read_dir(&folder).into_iter().flatten().flatten();
+            for file in files.filter(|file| is_laid_out(&file.file_name().to_string_lossy())) {
+                let _ = fs::remove_file(file.path());
+            }
             for name in Format::ALL.into_iter().flat_map(of_format).chain([REPORT.to_owned(), PILE.to_owned()]) {
                 let _ = fs::remove_file(folder.join(name));
             }

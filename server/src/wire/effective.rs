@@ -14,6 +14,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         region: scene.region.clone(),
         piles: scene.piles.clone(),
         around: scene.around.clone(),
+        usd: scene.usd.clone(),
         ..parameters::to_scene(params)
     };
     if let Some(fill) = &mut effective.fill {

@@ -9,7 +9,7 @@ use crate::service::access::{Caller, caller};
 use crate::service::audit;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
-use crate::service::folder::{REPORT, SCENE, report_name, result_name};
+use crate::service::folder::{REPORT, ResultKind, SCENE};
 use crate::service::jobs::{Bakes, Entry};
 use crate::service::quotas::{Permit, Quota};
 use crate::service::status::Fault;
@@ -282,7 +282,7 @@ impl PileService for Service {
     ) -> Result<Response<Self::DownloadResultStream>, Status> {
         audit::bake(request.extensions(), &request.get_ref().bake_id);
         let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
-        let DownloadResultRequest { bake_id, artifact, format, file } = request.into_inner();
+        let DownloadResultRequest { bake_id, artifact, format, file, usd, asset_folder } = request.into_inner();
         let entry = self.bakes.find(&bake_id)?;
         let Ok(artifact) = Artifact::try_from(artifact) else {
             return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into());
@@ -298,11 +298,13 @@ impl PileService for Service {
         self.bakes.store.touch(&entry.id());
         let own = Format::from_wire(status.format());
         let format = if format == OutputFormat::Unspecified { own } else { Format::from_wire(format) };
+        let (bakes, of) = (self.bakes.clone(), entry.clone());
+        let kind = on_disk(move || bakes.result_kind(&of, format, usd, asset_folder)).await??;
         let (name, first) = match artifact {
             Artifact::Unspecified | Artifact::Result => {
-                let head = self.bakes.result(&caller, &entry, format).await?.result;
+                let head = self.bakes.result(&caller, &entry, &kind).await?.result;
                 match head.files.iter().find(|beside| beside.name == file) {
-                    _ if file.is_empty() => (result_name(format), head),
+                    _ if file.is_empty() => (kind.result_name(), head),
                     Some(beside) => {
                         let sha256 = beside.sha256.clone();
                         (beside.name.clone(), DownloadResultResponse { sha256, ..Default::default() })
@@ -314,8 +316,8 @@ impl PileService for Service {
                 }
             }
             Artifact::Report => {
-                let name = if format == own { REPORT.to_owned() } else { report_name(format) };
-                (name, self.bakes.result(&caller, &entry, format).await?.report)
+                let name = if kind == ResultKind::of(own) { REPORT.to_owned() } else { kind.report_name() };
+                (name, self.bakes.result(&caller, &entry, &kind).await?.report)
             }
             Artifact::Scene => (SCENE.to_owned(), DownloadResultResponse::default()),
         };

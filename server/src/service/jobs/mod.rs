@@ -7,11 +7,11 @@ mod entry;
 mod submission;
 mod task;
 
-use crate::model::export::Format;
+use crate::model::export::{Format, Layout, is_asset_folder};
 use crate::service::access::{Caller, CallerRole};
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
-use crate::service::folder::PILE;
+use crate::service::folder::{PILE, ResultKind};
 use crate::service::hook::Hook;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Quota;
@@ -19,9 +19,13 @@ use crate::service::scheduler::Scheduler;
 use crate::service::status::Fault;
 use crate::service::store::Store;
 use crate::service::worker_message::{ResultHead, WorkerMessage};
-use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus, DownloadResultResponse, Summary};
+use crate::wire::proto::{
+    self, BakeSpec, BakeState, BakeStatus, DownloadResultRequest, DownloadResultResponse, Summary, UsdLayout,
+};
+use crate::wire::to_proto;
 use crate::wire::versions::versions;
 pub use entry::{Entry, EntryState, ListPosition};
+use prost::Message;
 use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -250,19 +254,54 @@ impl Bakes {
         })
     }
 
-    /// Describes a finished bake's result in a format. If it was not made before, a worker makes it now.
-    pub async fn result(&self, caller: &Caller, entry: &Entry, format: Format) -> Result<ResultHead, Fault> {
+    /// The result of a bake in a format, and in this layout if one is given that is not that of the bake's request.
+    pub fn result_kind(
+        &self,
+        entry: &Entry,
+        format: Format,
+        usd: Option<UsdLayout>,
+        asset_folder: String,
+    ) -> Result<ResultKind, Fault> {
+        let own = ResultKind::of(format);
+        if !format.is_usd() {
+            return Ok(own);
+        }
+        if let Err(problems) = usd.as_ref().map_or(Ok(Layout::default()), Layout::new) {
+            return Err(Fault::RequestInvalid(problems.iter().map(to_proto::field_problem).collect()));
+        }
+        if !is_asset_folder(&asset_folder) {
+            return Err(Fault::field("asset_folder", "it cannot stand in an asset path; give a folder"));
+        }
+        let id = entry.id();
+        let asked = self.store.spec(&id)?.scene.and_then(|scene| scene.usd).unwrap_or_default();
+        let usd = usd.unwrap_or_else(|| asked.clone());
+        if asked == usd && asset_folder.is_empty() {
+            return Ok(own);
+        }
+        /// Digits that tell apart the few layouts of a bake.
+        const DIGITS: usize = 16;
+        let request = DownloadResultRequest { usd: Some(usd), asset_folder, ..Default::default() }.encode_to_vec();
+        let layout = blake3::hash(&request).to_hex()[..DIGITS].to_owned();
+        if !self.store.keep_layout(&id, &layout, &request)? {
+            let what = "results of this bake were laid out in too many ways; delete the bake and request it again";
+            return Err(Fault::field("usd", what));
+        }
+        Ok(ResultKind { format, layout: Some(layout) })
+    }
+
+    /// Describes a finished bake's result. If it was not made before, a worker makes it now.
+    pub async fn result(&self, caller: &Caller, entry: &Entry, kind: &ResultKind) -> Result<ResultHead, Fault> {
         /// A result is written in seconds; only a huge one takes longer.
         const LONGEST: Duration = Duration::from_secs(600);
         let _alone = entry.export.lock().await;
         let id = entry.id();
-        if let Some(head) = self.store.head(&id, format)? {
+        if let Some(head) = self.store.head(&id, kind)? {
             return Ok(head);
         }
         let status = self.status(entry)?;
         let folder = self.store.folder(&id);
         let own = Format::from_wire(status.format());
-        if own == format {
+        if ResultKind::of(own) == *kind {
             let Summary { result_bytes, result_sha256, report_sha256, .. } = status.summary.unwrap_or_default();
             // Its server did not describe it.
             return Ok(ResultHead {
@@ -275,14 +314,14 @@ impl Bakes {
             });
         }
         if !folder.join(PILE).is_file() {
-            let (own, wanted) = (own.extension(), format.extension());
+            let (own, wanted) = (own.extension(), kind.format.extension());
             let what =
                 format!("an earlier server made this bake: its result is .{own} alone; bake it again for .{wanted}");
             return Err(Fault::FormatUnavailable(what));
         }
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let mut worker = Worker::start(&self.config, WorkerTask::Export(format), &folder)?;
+        let mut worker = Worker::start(&self.config, WorkerTask::Export(kind.clone()), &folder)?;
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         self.request_trim();
         match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
