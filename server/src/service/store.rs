@@ -111,13 +111,23 @@ impl Store {
         self.root.join("bakes").join(id)
     }
 
-    fn asset(&self, sha256: &str) -> PathBuf {
-        self.root.join("assets").join(sha256)
+    /// An asset of a project, or of none. Who knows the hash of another project's asset does not have it by that.
+    fn asset(&self, sha256: &str, project: &str) -> PathBuf {
+        let assets = self.root.join("assets");
+        match project {
+            "" => assets.join(sha256),
+            _ => assets.join(format!("{sha256}-{}", blake3::hash(project.as_bytes()).to_hex())),
+        }
     }
 
-    /// Whether the store has an asset. Marks it as used.
-    pub fn has(&self, sha256: &str) -> bool {
-        touch(&self.asset(sha256)).is_ok()
+    /// Whether the store has an asset of a project. Marks it as used.
+    pub fn has(&self, sha256: &str, project: &str) -> bool {
+        touch(&self.asset(sha256, project)).is_ok()
+    }
+
+    /// Size of all that is kept of a bake.
+    pub fn bake_bytes(&self, id: &str) -> u64 {
+        Kept::of(self.folder(id)).map_or(0, |kept| kept.bytes)
     }
 
     pub fn upload(&self) -> Result<Upload> {
@@ -127,23 +137,23 @@ impl Store {
     }
 
     /// Stores an upload if its content has this hash. Returns whether it has.
-    pub fn keep(&self, upload: Upload, sha256: &str) -> Result<bool> {
+    pub fn keep(&self, upload: Upload, sha256: &str, project: &str) -> Result<bool> {
         if hex(&upload.hasher.finalize()) != sha256 {
             return Ok(false);
         }
         failpoints::at("upload-sync")?;
         upload.file.as_file().sync_all()?;
         failpoints::at("upload-rename")?;
-        upload.file.persist(self.asset(sha256))?;
+        upload.file.persist(self.asset(sha256, project))?;
         sync_folder(&self.root.join("assets"))?;
         Ok(true)
     }
 
     /// Creates an empty folder for a bake, with its request and those of its assets that the store has.
-    pub fn prepare(&self, id: &str, spec: &BakeSpec) -> Result<PathBuf> {
+    pub fn prepare(&self, id: &str, spec: &BakeSpec, project: &str) -> Result<PathBuf> {
         self.remove(id)?;
         let folder = self.folder(id);
-        self.fill(&folder, spec)?;
+        self.fill(&folder, spec, project)?;
         sync_folder(&self.root.join("bakes"))?;
         Ok(folder)
     }
@@ -179,17 +189,17 @@ impl Store {
     }
 
     /// A temporary folder for a plan.
-    pub fn prepare_plan(&self, spec: &BakeSpec) -> Result<TempDir> {
+    pub fn prepare_plan(&self, spec: &BakeSpec, project: &str) -> Result<TempDir> {
         let folder = TempDir::new_in(self.root.join("partial"))?;
-        self.fill(folder.path(), spec)?;
+        self.fill(folder.path(), spec, project)?;
         Ok(folder)
     }
 
-    fn fill(&self, folder: &Path, spec: &BakeSpec) -> Result<()> {
+    fn fill(&self, folder: &Path, spec: &BakeSpec, project: &str) -> Result<()> {
         failpoints::at("store-folder")?;
         fs::create_dir_all(folder.join(ASSETS))?;
         for asset in &spec.assets {
-            let from = self.asset(&asset.sha256);
+            let from = self.asset(&asset.sha256, project);
             failpoints::at("store-link")?;
             match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
                 Ok(()) => touch(&from)?,
@@ -364,18 +374,20 @@ fn is_shared(_: &fs::Metadata) -> bool {
     false
 }
 
-/// Whether a file has a name like assets and bakes. File managers and network drives put other files here.
-fn is_digest(path: &Path) -> bool {
-    let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
-    path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex)
+/// Whether a file's name is of hashes, as those of assets and bakes are. File managers and network drives put other
+/// files here.
+fn has_hashes(path: &Path, most: usize) -> bool {
+    let is_hash = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.split('-').count() <= most && name.split('-').all(is_hash)
 }
 
 fn is_asset(path: &Path) -> bool {
-    is_digest(path) && path.is_file()
+    has_hashes(path, 2) && path.is_file()
 }
 
 fn is_bake(path: &Path) -> bool {
-    is_digest(path) && path.is_dir()
+    has_hashes(path, 1) && path.is_dir()
 }
 
 /// An asset or a bake, with the values that decide its removal.
@@ -416,7 +428,7 @@ mod tests {
 
     fn bake(store: &Store, name: &str, bytes: usize, age: u64) {
         let id = &id(name);
-        let folder = store.prepare(id, &BakeSpec::default()).unwrap();
+        let folder = store.prepare(id, &BakeSpec::default(), "").unwrap();
         fs::write(folder.join("result.glb"), vec![0; bytes]).unwrap();
         let mut status = BakeStatus { bake_id: id.clone(), ..Default::default() };
         status.set_state(BakeState::Succeeded);
@@ -457,11 +469,12 @@ mod tests {
         let mut upload = store.upload().unwrap();
         upload.write(b"a prop").unwrap();
         let sha256 = hex(&Sha256::digest(b"a prop"));
-        assert!(store.keep(upload, &sha256).unwrap() && store.has(&sha256));
+        assert!(store.keep(upload, &sha256, "").unwrap() && store.has(&sha256, ""));
+        assert!(!store.has(&sha256, "another project"));
         let asset = crate::wire::proto::AssetReference { uri: "prop.glb".into(), sha256: sha256.clone() };
-        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }).unwrap();
+        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }, "").unwrap();
         store.trim(|_| Ok(false)).unwrap();
-        assert!(!store.has(&sha256));
+        assert!(!store.has(&sha256, ""));
         assert_eq!(fs::read(bake.join(ASSETS).join(sha256)).unwrap(), b"a prop");
         assert!(Store::open(&config).is_err(), "one server at a time");
     }

@@ -119,8 +119,9 @@ impl Bakes {
             }
             let log_bytes = u64::try_from(status.event_bytes).unwrap_or(0);
             status.summary = None;
-            let entry =
-                Entry::new(EntryState { log_bytes, accepted: true, result_bytes, ..EntryState::of(status) }, None);
+            let stored_bytes = if resume { 0 } else { self.store.bake_bytes(&id) };
+            let state = EntryState { log_bytes, accepted: true, result_bytes, stored_bytes, ..EntryState::of(status) };
+            let entry = Entry::new(state, None);
             self.entries().insert(id.clone(), entry.clone());
             if resume {
                 info!(bake_id = %id, "resuming an unfinished bake");
@@ -138,7 +139,7 @@ impl Bakes {
         deadline: Option<Instant>,
     ) -> Result<Arc<Entry>, Fault> {
         let BakeSubmission { spec, labels, priority } = submission;
-        let id = bake_id(&spec);
+        let id = bake_id(&spec, caller.project());
         let mut entries = self.entries();
         if let Some(entry) = entries.get(&id) {
             self.check_files(entry);
@@ -168,6 +169,7 @@ impl Bakes {
             bake_id: id.clone(),
             create_time: Some(now()),
             owner: caller.name.to_string(),
+            project: caller.project().to_owned(),
             labels: labels.clone(),
             priority,
             ..Default::default()
@@ -243,11 +245,11 @@ impl Bakes {
         self.accepts_work()?;
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let folder = self.store.prepare_plan(&spec)?;
+        let folder = self.store.prepare_plan(&spec, caller.project())?;
         let mut worker = None;
         let accepted = self.run_plan(WorkerTask::Plan, folder.path(), &mut worker).await?;
         Ok(proto::PlanBakeResponse {
-            bake_id: bake_id(&spec),
+            bake_id: bake_id(&spec, caller.project()),
             plan: accepted.plan,
             effective_scene: accepted.effective_scene,
             has_parameters_only: accepted.has_parameters_only,
@@ -324,6 +326,8 @@ impl Bakes {
         let mut worker = Worker::start(&self.config, WorkerTask::Export(kind.clone()), &folder)?;
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         self.request_trim();
+        let stored_bytes = self.store.bake_bytes(&id);
+        entry.state.send_modify(|now| now.stored_bytes = stored_bytes);
         match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
             Some(WorkerMessage::Exported(head)) => Ok(head),
             Some(WorkerMessage::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
@@ -355,8 +359,9 @@ impl Bakes {
         }
     }
 
-    /// An accepted bake, by its id or the beginning of it.
-    pub fn find(&self, id: &str) -> Result<Arc<Entry>, Fault> {
+    /// An accepted bake that a caller sees, by its id or the beginning of it. Those of other projects are as if there were
+    /// none.
+    pub fn find(&self, caller: &Caller, id: &str) -> Result<Arc<Entry>, Fault> {
         /// Digits of an id, and the fewest of them that a caller may name.
         const DIGITS: std::ops::RangeInclusive<usize> = 6..=64;
         let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
@@ -367,7 +372,8 @@ impl Bakes {
         }
         let entries = self.entries();
         let mut found = entries.range(id.to_owned()..).take_while(|(known, _)| known.starts_with(id));
-        let mut found = found.by_ref().filter(|(_, entry)| entry.state.borrow().accepted).map(|(_, entry)| entry);
+        let is_seen = |now: &EntryState| now.accepted && caller.sees(&now.status.project);
+        let mut found = found.by_ref().filter(|(_, entry)| is_seen(&entry.state.borrow())).map(|(_, entry)| entry);
         match (found.next(), found.next()) {
             (Some(entry), None) => Ok(entry.clone()),
             (Some(_), Some(_)) => {
@@ -377,8 +383,20 @@ impl Bakes {
         }
     }
 
+    /// Whether a bake is still there.
+    pub fn knows(&self, id: &str) -> bool {
+        self.entries().get(id).is_some_and(|entry| entry.state.borrow().accepted)
+    }
+
+    /// All accepted bakes that a caller sees, latest first.
+    pub fn seen(&self, caller: &Caller) -> Vec<Arc<Entry>> {
+        let mut list = self.list();
+        list.retain(|entry| caller.sees(&entry.state.borrow().status.project));
+        list
+    }
+
     /// All accepted bakes, latest first.
-    pub fn list(&self) -> Vec<Arc<Entry>> {
+    fn list(&self) -> Vec<Arc<Entry>> {
         let entries = self.entries();
         let mut list: Vec<_> = entries.values().filter(|entry| entry.state.borrow().accepted).cloned().collect();
         drop(entries);
@@ -389,7 +407,7 @@ impl Bakes {
     /// Withdraws a caller's interest in a bake. Without any left, or if an operator asks, the bake is cancelled; this
     /// waits for its end.
     pub async fn cancel(&self, caller: &Caller, id: &str) -> Result<BakeStatus, Fault> {
-        let entry = self.find(id)?;
+        let entry = self.find(caller, id)?;
         if self.withdraw(caller, &entry)? {
             entry.cancelled.cancel();
             entry.wait_ended().await;
@@ -420,7 +438,7 @@ impl Bakes {
 
     /// Cancels a bake and removes its files, unless others want it.
     pub async fn delete(&self, caller: &Caller, id: &str) -> Result<(), Fault> {
-        let entry = self.find(id)?;
+        let entry = self.find(caller, id)?;
         if self.withdraw(caller, &entry)? {
             entry.cancelled.cancel();
             entry.wait_ended().await;
