@@ -31,7 +31,7 @@ class Show:
     def bake(self, name, *given):
         models = ["--control", "assets/heap.usda", "--prop", "assets/rock.usda", "--prop", "assets/kit.usd#/Kit/Brick"]
         scene = [*models, "--static", "assets/kit.usd#/Kit/Wall", "--accuracy", "draft"]
-        sets = [f"--set={one}" for one in ["fill.count=14", "output.frames=20", *given]]
+        sets = [f"--set={one}" for one in ["fill.count=14", "output.frames=20", "glue=natural", "control=off", *given]]
         command = [CAIRN, "bake", *scene, *sets, "-o", f"shots/{name}", "-q"]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
@@ -77,8 +77,8 @@ def test_the_checkers_find_no_fault(shot):
 def test_props_are_the_published_assets(shot):
     stage = Usd.Stage.Open(shot.staged)
     rock = stage.GetPrimAtPath("/heap_of_rocks/Bodies/Prototypes/rock/rock")
-    layers = [spec.layer.GetDisplayName() for spec in rock.GetPrimStack()]
-    assert layers == ["staged.usda", "rock.usda", "rock_geo.usdc"]
+    layers = {spec.layer.GetDisplayName() for spec in rock.GetPrimStack()}
+    assert layers == {"staged.usda", "rock.usda", "rock_geo.usdc"}
     assert rock.HasAuthoredPayloads() and Usd.ModelAPI(rock).GetKind() == Kind.Tokens.component
     assert Usd.ModelAPI(rock).IsModel(), "groups lead down to it"
     # Its looks can be chosen in the shot.
@@ -91,10 +91,14 @@ def test_props_are_the_published_assets(shot):
     # The asset is in the units and axes of the stage: nothing turns or scales it.
     placed = np.array(UsdGeom.Xformable(rock.GetParent()).GetLocalTransformation())
     assert (placed[:3, :3] == np.eye(3)).all()
+    # A brick's material stands beside it: the kit is taken, without the wall.
+    brick = stage.GetPrimAtPath("/heap_of_rocks/Bodies/Prototypes/Brick/Kit")
+    bound, _ = UsdShade.MaterialBindingAPI(brick.GetPrimAtPath("Brick/Body")).ComputeBoundMaterial()
+    assert bound.GetPath().name == "Clay" and not brick.GetPrimAtPath("Wall").IsActive()
     # The layer has no geometry of its own.
     text = pathlib.Path(shot.staged).read_text()
-    assert "@../assets/rock.usda@" in text and "@../assets/kit.usd@</Kit/Brick>" in text and "faceVertex" not in text
-    assert "faceVertex" not in stage.GetRootLayer().ExportToString()
+    wanted = ["@../assets/rock.usda@\n", "@../assets/kit.usd@</Kit>\n", "@../assets/kit.usd@</Kit/Wall>\n"]
+    assert all(reference in text for reference in wanted) and "faceVertex" not in text
 
 
 def test_copies_are_embedded_on_request(shot):
@@ -121,7 +125,7 @@ def test_the_stage_is_laid_out_as_asked(shot):
     moved = 0
     for frame in [0, 6, 20]:
         expected, found = corners(shot.plain, frame), corners(shot.staged, 1001 + frame)
-        assert len(expected) == 14 * 8 == len(found)
+        assert len(expected) == len(found) > 80
         order = [np.lexsort(points.round(3).T) for points in (expected, found)]
         assert np.abs(expected[order[0]] - found[order[1]]).max() < 1e-4
         assert expected[:, 1].min() > -0.02
@@ -160,7 +164,8 @@ def test_a_pile_at_rest_has_no_samples(shot):
     assert np.abs(corners(still, 1001) - corners(shot.staged, 1021)).max() < 1e-5
     assert faults(stage) == [] == faults(Usd.Stage.Open(moving))
     # Rotations of half precision, and no velocities.
-    lean = UsdGeom.PointInstancer(Usd.Stage.Open(moving).GetPrimAtPath("/heap_of_rocks/Bodies"))
+    stage = Usd.Stage.Open(moving)
+    lean = UsdGeom.PointInstancer(stage.GetPrimAtPath("/heap_of_rocks/Bodies"))
     assert not lean.GetVelocitiesAttr().HasValue() and lean.GetOrientationsAttr().GetNumTimeSamples() > 5
 
 
