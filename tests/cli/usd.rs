@@ -95,7 +95,10 @@ fn published(desk: &Desk) {
     let top = "def Xform \"brick\" (\n    payload = @./geo.usda@\n)\n{\n}\n";
     desk.write("kit/brick/brick.usda", format!("{header}{top}"));
     desk.write("kit/lost.usda", format!("{header}{}", top.replace("geo", "gone")));
-    desk.write("kit/odd.usda", format!("{header}{}", top.replace("./geo.usda", "./brick/geo.usda@</wall>").replace(">@", ">")));
+    desk.write(
+        "kit/odd.usda",
+        format!("{header}{}", top.replace("./geo.usda", "./brick/geo.usda@</wall>").replace(">@", ">")),
+    );
     let cages = format!(
         "{header}def Xform \"brick\"\n{{\ndef Mesh \"body\" (\n    prepend apiSchemas = [\"MaterialBindingAPI\"]\n)\n{{\n{mesh}\
          rel material:binding = </brick/other>\n}}\ndef Cube \"cube\"\n{{\n}}\ndef Material \"other\"\n{{\n}}\n\
@@ -115,7 +118,9 @@ fn props_that_are_usd_are_referred_to() {
         desk.line(&format!("bake {BRICKS} -o {name} -q")).ok();
     }
     let text = |name: &str| String::from_utf8(bytes(&desk, name)).unwrap();
-    assert!(text("pile.usda").contains("references = @./kit/brick/brick.usda@\n") && !text("pile.usda").contains("points"));
+    assert!(
+        text("pile.usda").contains("references = @./kit/brick/brick.usda@\n") && !text("pile.usda").contains("points")
+    );
     assert!(text("shots/a/pile.usda").contains("references = @../../kit/brick/brick.usda@\n"));
     let done = desk.line(&format!("bake {BRICKS} -o other.usdz"));
     assert!(done.stderr.contains("a .usdz holds copies of what is USD, without its variants"), "{}", done.stderr);
@@ -135,10 +140,12 @@ fn props_that_are_usd_are_referred_to() {
         assert!(different < 60, "{name}: {different} pixels differ");
     }
     // A pile is built around one that is USD.
-    let around = "--control cone.glb --prop stick.glb --around pile.usdc --accuracy draft --set fill.count=3 --frames 2";
+    let around =
+        "--control cone.glb --prop stick.glb --around pile.usdc --accuracy draft --set fill.count=3 --frames 2";
     desk.line(&format!("bake {around} -o around.glb -q")).ok();
     std::fs::remove_file(desk.path("kit/brick/geo.usda")).unwrap();
-    desk.line("render pile.usda -o gone.png").fails(65, &["it takes kit/brick/geo.usda by reference, which is not there"]);
+    desk.line("render pile.usda -o gone.png")
+        .fails(65, &["it takes kit/brick/geo.usda by reference, which is not there"]);
     desk.line("verify pile.usda").fails(65, &["its file kit/brick/geo.usda is not here"]);
 }
 
@@ -179,6 +186,22 @@ fn the_scene_says_how_a_stage_is_laid_out() {
         let done = desk.line(&format!("bake {BRICKS} --set {set} -o wrong.usda"));
         assert!(done.code != 0 && done.stderr.contains(words), "{set}: {}", done.stderr);
     }
+}
+
+/// What a command line lacks is said with its usage.
+#[test]
+fn wrong_command_lines_show_the_usage() {
+    let desk = Desk::new();
+    for (line, usage) in [
+        ("bake -o pile.glb", "Usage: cairn bake [OPTIONS] --output <FILE> [SCENE]"),
+        ("bake --control cone.glb --prop stick.glb -o pile.xyz", "Usage: cairn bake "),
+        ("batch --seeds 1..2 -o {seed}.glb", "Usage: cairn batch "),
+        ("bakes list --nonsense", "Usage: cairn bakes list "),
+    ] {
+        desk.line(line).fails(2, &[usage]);
+    }
+    let done = desk.line("bake -o pile.glb --progress json");
+    assert!(done.code == 2 && done.stderr.lines().all(|line| line.starts_with('{')), "{}", done.stderr);
 }
 
 #[test]

@@ -373,8 +373,14 @@ fn nothing_of_a_collection_is_lost_in_silence() {
     let mut read = 0;
     for name in names {
         let Ok(file) = InputFile::read(&folder.join(&name), &disk) else { continue };
-        let model =
-            SourceModel { name: &name, file: &file.name, bytes: &file.bytes, node: None, resolve: &*file.resolve };
+        let model = SourceModel {
+            name: &name,
+            file: &file.name,
+            bytes: &file.bytes,
+            node: None,
+            resolve: &*file.resolve,
+            asset: None,
+        };
         let Some((notes, result)) = noted(&model, &*disk) else { continue };
         let json = if file.bytes.starts_with(b"glTF") {
             json_of(&file.bytes)

@@ -15,7 +15,7 @@ const SMALL: Settings =
     Settings { moment: Moment::End, size: [64, 48], azimuth: 20.0, elevation: 15.0, samples: 4, glue: false };
 
 fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
-    render(&RenderModel { name: "file.glb", bytes, resolve: &no_files, asset: None }, None, &settings)
+    render(&RenderModel { name: "file.glb", bytes, resolve: &no_files }, None, &settings)
 }
 
 fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
@@ -59,7 +59,7 @@ fn a_moment_shows_the_poses_of_that_moment() {
 fn the_camera_takes_in_the_ghost() {
     let cone = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cone.glb")).unwrap();
     let cube = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cube.glb")).unwrap();
-    let model = |bytes| RenderModel { name: "file", bytes, resolve: &no_files, asset: None };
+    let model = |bytes| RenderModel { name: "file", bytes, resolve: &no_files };
     let red = |picture: &RgbImage| {
         let is_red = |p: &&image::Rgb<u8>| i32::from(p.0[0]) > i32::from(p.0[1]) + 60;
         picture.pixels().filter(is_red).count()

@@ -3,8 +3,8 @@
 use crate::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
 use cairn::model::export::{ExportScene, Layout, PartPrim, SourceModel, UsdAsset, as_gltf, encode, origin, write};
-use cairn::wire::proto::UsdMotion;
 use cairn::model::render::{Moment, RenderModel, Settings, render};
+use cairn::wire::proto::UsdMotion;
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
 use glam::DVec3;
@@ -185,7 +185,7 @@ fn stages_show_what_a_glb_shows() {
         let encoded = encode(format, &pile, &scene).unwrap();
         let beside = |name: &str| encoded.sidecars.get(name).cloned().ok_or_else(|| format!("there is no {name}"));
         let bytes = as_gltf(&encoded.bytes, &beside).unwrap_or_else(|what| panic!("{format:?}: {what}"));
-        let file = RenderModel { name: "pile", bytes: &bytes, resolve: &no_files, asset: None };
+        let file = RenderModel { name: "pile", bytes: &bytes, resolve: &no_files };
         let moments = [Moment::Frame(0), Moment::Frame(2), Moment::Frame(4), Moment::Seconds(0.07), Moment::End];
         let settings = |moment| Settings { moment, size: [120, 90], samples: 16, ..Settings::default() };
         moments.map(|moment| render(&file, None, &settings(moment)).unwrap()).into()

@@ -3,8 +3,8 @@
 use crate::server::{Server, assert_fault, command, endless, request, short, take};
 use cairn::client::{Connection, Target};
 use cairn::wire::proto::{
-    BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest, HaveAssetsRequest,
-    ListBakesRequest, WatchBakeRequest,
+    BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
+    HaveAssetsRequest, ListBakesRequest, WatchBakeRequest,
 };
 use std::time::Duration;
 use tonic::Code;

@@ -2,6 +2,7 @@
 
 mod idle;
 pub mod machine;
+mod memory;
 pub mod pace;
 pub mod provenance;
 mod read;
