@@ -20,9 +20,9 @@ use crate::service::status::Fault;
 use crate::service::store::Store;
 use crate::service::worker_message::{ResultHead, WorkerMessage};
 use crate::wire::proto::{
-    self, BakeSpec, BakeState, BakeStatus, DownloadResultRequest, DownloadResultResponse, Summary, UsdLayout,
+    self, BakeSpec, BakeState, BakeStatus, DownloadResultRequest, DownloadResultResponse, FieldProblem, Summary,
+    UsdLayout,
 };
-use crate::wire::to_proto;
 use crate::wire::versions::versions;
 pub use entry::{Entry, EntryState, ListPosition};
 use prost::Message;
@@ -269,7 +269,10 @@ impl Bakes {
             return Ok(own);
         }
         if let Err(problems) = usd.as_ref().map_or(Ok(Layout::default()), Layout::new) {
-            return Err(Fault::RequestInvalid(problems.iter().map(to_proto::field_problem).collect()));
+            let fields = problems
+                .into_iter()
+                .map(|problem| FieldProblem { description: problem.to_string(), field: problem.field });
+            return Err(Fault::RequestInvalid(fields.collect()));
         }
         if !is_asset_folder(&asset_folder) {
             return Err(Fault::field("asset_folder", "it cannot stand in an asset path; give a folder"));

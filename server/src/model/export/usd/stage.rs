@@ -63,10 +63,11 @@ pub fn compose<T>(
         let done = read(&stage);
         let wanted = std::mem::take(&mut table.borrow_mut().wanted);
         if wanted.is_empty() {
-            let done = done?;
+            // The reason why it shows less, or nothing.
             if let Some(missing) = stage.missing_layers().into_iter().next() {
                 return Err(format!("it takes {} by reference, which {}", missing.name, missing.why));
             }
+            let done = done?;
             drop(stage);
             let mut found = std::mem::take(&mut table.borrow_mut().found);
             found.remove(&root);
