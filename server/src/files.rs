@@ -1,4 +1,5 @@
-//! Reads input files, with a message for each kind of failure, and writes files complete or not at all.
+//! Reads input files, with a message for each kind of failure, and writes files complete or not at all. Long: all that
+//! the package knows of paths is here.
 
 use crate::failpoints;
 use crate::problem::{Problem, nearest};

@@ -16,8 +16,8 @@ use std::time::Duration;
 /// Summarizes the bake and estimates the cost of each accuracy
 ///
 /// Reads the scene and all its files without simulating them; a short test measures the speed of this machine. JSON
-/// output has notes, plan, estimates, the size of a result at most, by its format, and resources: cores, time and memory
-/// of a bake by itself, as expected and as nine of ten bakes stay below.
+/// output has notes, plan, estimates, the size of a result at most, by its format, and resources: cores, time and
+/// memory of a bake by itself, as expected and as nine of ten bakes stay below.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:

@@ -108,8 +108,8 @@ impl Job {
     pub fn laid_out(mut self, usd: Option<&proto::UsdLayout>) -> Result<Job, Vec<Problem>> {
         let usd = usd.cloned().unwrap_or_default();
         self.layout = Layout::new(&usd)?;
-        self.effective.usd = Some(usd).filter(|usd| *usd != proto::UsdLayout::default());
-        self.effective.set_defaults();
+        let asks = usd != proto::UsdLayout::default();
+        self.effective.usd = asks.then(|| usd.with_defaults());
         Ok(self)
     }
 

@@ -40,8 +40,8 @@ pub enum CallerRole {
     /// Bakes, sees all bakes of its project, and ends or deletes its own.
     #[default]
     Artist,
-    /// Ends and deletes all bakes of its project, and may give its own bakes priority over others. Without a project, it
-    /// is one of all projects.
+    /// Ends and deletes all bakes of its project, and may give its own bakes priority over others. Without a project,
+    /// it is one of all projects.
     Operator,
     /// Without a file of callers: an operator who leaves a bake to others that want it, too.
     #[serde(skip)]

@@ -1,6 +1,6 @@
 //! The order in which waiting bakes start: by priority, then by the number of running bakes of their caller, fewest
-//! first, so that nobody holds all workers while others wait, then by age. The limits of running bakes of a caller and of
-//! its project are kept.
+//! first, so that nobody holds all workers while others wait, then by age. The limits of running bakes of a caller and
+//! of its project are kept.
 
 use crate::service::access::Caller;
 use std::cmp::Reverse;

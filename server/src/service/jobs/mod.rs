@@ -283,7 +283,7 @@ impl Bakes {
         if asked == usd && asset_folder.is_empty() {
             return Ok(own);
         }
-        /// Digits that tell apart the few layouts of a bake.
+        /// Digits that distinguish the few layouts of a bake.
         const DIGITS: usize = 16;
         let request = DownloadResultRequest { usd: Some(usd), asset_folder, ..Default::default() }.encode_to_vec();
         let layout = blake3::hash(&request).to_hex()[..DIGITS].to_owned();
@@ -362,8 +362,8 @@ impl Bakes {
         }
     }
 
-    /// An accepted bake that a caller sees, by its id or the beginning of it. Those of other projects are as if there were
-    /// none.
+    /// An accepted bake that a caller sees, by its id or the beginning of it. Those of other projects are as if there
+    /// were none.
     pub fn find(&self, caller: &Caller, id: &str) -> Result<Arc<Entry>, Fault> {
         /// Digits of an id, and the fewest of them that a caller may name.
         const DIGITS: std::ops::RangeInclusive<usize> = 6..=64;

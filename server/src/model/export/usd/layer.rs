@@ -88,8 +88,8 @@ impl Layer {
         self.order(prim, &["xformOp:transform"]);
     }
 
-    /// Defines a prim below another one. Without a kind, it has that of what it refers to. `name` becomes one that USD takes and that no other child has; where that
-    /// changes it, the prim is displayed by it.
+    /// Defines a prim below another one. Without a kind, it has that of what it refers to. `name` becomes one that USD
+    /// takes and that no other child has; where that changes it, the prim is displayed by it.
     pub fn prim(&mut self, parent: &Path, name: &str, kind: &str) -> Path {
         let taken = self.prims.entry(parent.as_str().to_owned()).or_default();
         let plain = identifier(name);

@@ -8,9 +8,6 @@ use glam::{DAffine3, DQuat, DVec3};
 const MOST_NAME: usize = 100;
 /// Bytes of the folder before the paths of assets: the longest path that systems accept.
 const MOST_FOLDER: usize = 4096;
-/// Its name unless another one is given.
-pub const DEFAULT_PRIM: &str = "Pile";
-
 /// The layout of a stage, within its ranges.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
@@ -37,18 +34,7 @@ pub fn is_asset_folder(text: &str) -> bool {
 
 impl Default for Layout {
     fn default() -> Layout {
-        Layout {
-            is_z_up: false,
-            meters_per_unit: 1.0,
-            start: 0.0,
-            samples: 1.0,
-            default_prim: DEFAULT_PRIM.into(),
-            kind: UsdKind::Auto,
-            purpose: None,
-            motion: UsdMotion::Full,
-            embeds: false,
-            asset_folder: None,
-        }
+        Layout::new(&proto::UsdLayout::default()).expect("the defaults are within their ranges")
     }
 }
 
@@ -66,11 +52,11 @@ impl Layout {
             }
             value
         };
-        let defaults = Layout::default();
-        let unit = number("meters_per_unit", given.meters_per_unit.unwrap_or(1.0), 1e-6, 1e6);
-        let start = number("start_frame", given.start_frame.unwrap_or(0.0), -1e6, 1e6);
-        let samples = number("samples_per_frame", given.samples_per_frame.unwrap_or(1).into(), 1.0, 100.0);
-        let name = given.default_prim.clone().unwrap_or(defaults.default_prim);
+        let given = given.with_defaults();
+        let unit = number("meters_per_unit", given.meters_per_unit(), 1e-6, 1e6);
+        let start = number("start_frame", given.start_frame(), -1e6, 1e6);
+        let samples = number("samples_per_frame", given.samples_per_frame().into(), 1.0, 100.0);
+        let name = given.default_prim().to_owned();
         let is_plain = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
             && !name.starts_with(|c: char| c.is_ascii_digit())
             && (1..=MOST_NAME).contains(&name.len());
@@ -99,7 +85,7 @@ impl Layout {
             kind: given.kind(),
             purpose,
             motion: given.motion(),
-            embeds: given.embed.unwrap_or(false),
+            embeds: given.embed(),
             asset_folder,
         };
         if problems.is_empty() { Ok(layout) } else { Err(problems) }

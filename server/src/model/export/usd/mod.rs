@@ -15,8 +15,9 @@
 //!   `cairn:anchored`, too.
 //!
 //! Metres, Y up, from time code 0 on, unless the scene's `usd` asks for other axes, units and time codes ([`layout`]).
-//! Props and scenery that are USD themselves are references to their files, unless copies are asked for. The figures of the pile are custom data of `Pile`, so that they follow a reference to it; the
-//! result's origin is custom data of the layer.
+//! Props and scenery that are USD themselves are references to their files, unless copies are asked for. The figures of
+//! the pile are custom data of `Pile`, so that they follow a reference to it; the result's origin is custom data of the
+//! layer.
 
 mod binary;
 mod bounding_box;
@@ -79,8 +80,9 @@ pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, 
     let Encoded { bytes, sidecars, mut left_out } = encode(Encoding::Crate, bake, scene, layout)?;
     let assets = scene.props.iter().chain(&scene.scenery).filter(|model| model.asset.is_some()).count();
     if assets > 0 && !scene.layout.embeds {
-        let what = "a .usdz holds copies of what is USD, without its variants and other materials";
-        left_out.push(format!("{what}: name the result .usdc for references"));
+        let what = "a .usdz holds copies of what is USD, without its variants and other materials: name the result \
+                    .usdc for references";
+        left_out.push(what.into());
     }
     let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
     let mut files =

@@ -44,8 +44,8 @@ impl<'a> UsdStage<'a> {
         model.asset.is_some() && !self.layer.layout.embeds
     }
 
-    /// Places a model below a prim, moved by `place` in the stage, and gives its bounding box in that prim's frame: as a
-    /// reference where it is an asset, otherwise as a copy.
+    /// Places a model below a prim, moved by `place` in the stage, and gives its bounding box in that prim's frame: as
+    /// a reference where it is an asset, otherwise as a copy.
     pub fn put(
         &mut self,
         at: &Path,

@@ -1,6 +1,7 @@
-//! A stage as a `.glb`, for the bake and for what shows results: meshes, base colours, and the motion of instances and of
-//! prims, as composed, with the variants that are selected. Subdivision, skins, and materials other than
-//! `UsdPreviewSurface` are not there, which is noted.
+//! A stage as a `.glb`, for the bake and for what shows results. Long: its parts share the state of one walk.
+//!
+//! It has meshes, base colours, and the motion of instances and of prims, as composed, with the variants that are
+//! selected. Subdivision, skins, and materials other than `UsdPreviewSurface` are not there, which is noted.
 
 mod mesh;
 mod surface;
@@ -192,7 +193,8 @@ impl<'a> Converter<'a> {
         targets
     }
 
-    /// The prims below `whole` that are neither on the way to `prim` nor hold its materials, by their paths from `whole`.
+    /// The prims below `whole` that are neither on the way to `prim` nor hold its materials, by their paths from
+    /// `whole`.
     fn beside(&self, whole: &Path, prim: &Path) -> Vec<String> {
         let targets = self.bound_below(prim, 0);
         let mut off = Vec::new();
