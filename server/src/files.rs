@@ -144,7 +144,11 @@ pub fn beside(folder: &Path, relative: &str) -> Option<PathBuf> {
 /// The way from a folder to a file or folder, as paths in files are written: `../kit/rock.usd`, `./rock.usd`. Where
 /// there is none, as between drives, the whole path.
 pub fn way(from: &Path, to: &Path) -> String {
-    let whole = |path: &Path| normalized(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()));
+    let whole = |path: &Path| {
+        // The current folder is an empty path, too.
+        let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+        normalized(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()))
+    };
     let (from, to) = (whole(from), whole(to));
     let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
     let text = |part: Component| part.as_os_str().to_string_lossy().into_owned();
@@ -397,6 +401,8 @@ mod tests {
             ("show", "show/kit/rock.usd", "./kit/rock.usd"),
             ("show/./a/..", "show/rock.usd", "./rock.usd"),
             ("a/b", "a", ".."),
+            ("shots/a", "", "../.."),
+            ("", "", "./"),
         ] {
             assert_eq!(way(Path::new(from), Path::new(to)), expected);
         }

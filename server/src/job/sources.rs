@@ -187,8 +187,9 @@ impl InputFile {
         let mut file = InputFile { name, path: found, bytes, resolve, usd: None, source: source.clone() };
         if let Some(parts) = parts.filter(|_| export::is_usd(&file.bytes)) {
             let parts: Vec<PartChoice> = parts.iter().cloned().collect();
-            let stage = export::convert_usd(&file.bytes, &*file.resolve, &parts)
-                .map_err(|what| Problem::at(path, what, "Export it again, or name another prim."))?;
+            let stage = export::convert_usd(&file.bytes, &*file.resolve, &parts).map_err(|what| {
+                Problem::at(path, what, "Put what it names where it looks for it, or name another prim.")
+            })?;
             file.usd = Some(UsdInput { stage, parts });
         }
         Ok(file)
