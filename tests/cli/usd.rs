@@ -234,6 +234,8 @@ fn files_of_usd_that_cannot_be_used_say_why() {
     ] {
         assert!(done.stderr.contains(words) || done.stdout.contains(words), "{words}: {}{}", done.stdout, done.stderr);
     }
+    desk.write("text.usd", "no stage");
+    check("text.usd").fails(65, &["text.usd: it is damaged, or no USD"]);
     // Layers that name each other without an end.
     let header = "#usda 1.0\n(\n    subLayers = [@./";
     for number in 0..70 {

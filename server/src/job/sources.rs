@@ -185,7 +185,7 @@ impl InputFile {
         let found = source.find(path).unwrap_or_else(|| path.to_owned());
         let name = path.display().to_string();
         let mut file = InputFile { name, path: found, bytes, resolve, usd: None, source: source.clone() };
-        if let Some(parts) = parts.filter(|_| export::is_usd(&file.bytes)) {
+        if let Some(parts) = parts.filter(|_| files::is_usd(&file.name)) {
             let parts: Vec<PartChoice> = parts.iter().cloned().collect();
             let stage = export::convert_usd(&file.bytes, &*file.resolve, &parts).map_err(|what| {
                 Problem::at(path, what, "Put what it names where it looks for it, or name another prim.")

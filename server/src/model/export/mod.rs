@@ -317,8 +317,6 @@ pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
     }
 }
 
-/// Whether a file begins as one of USD's formats does.
-pub use usd::is_usd;
 pub use usd::layout::{Layout, is_asset_folder};
 pub use usd::{ConvertedStage, PartChoice, PartPrim, StagePart, convert as convert_usd};
 
