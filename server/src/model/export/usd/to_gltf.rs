@@ -15,12 +15,13 @@ use cairn_gltf::document::Object;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use openusd::sdf::{FieldKey, Path, Value};
 use serde_json::json;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use values::{number, quaternion, quaternions, vector, vectors};
 
-/// Nodes of the result, prims that are looked at, and levels of prims: more than any pile has.
+/// Nodes of the result, and levels of prims: more than any pile has.
 const MOST_NODES: usize = 4_000_000;
-const MOST_PRIMS: usize = 1_000_000;
+/// Prims, which take some 100 microseconds and 10 KiB each to compose: more than any prop has.
+const MOST_PRIMS: usize = 50_000;
 const MOST_LEVELS: usize = 200;
 
 /// A stage as glTF.
@@ -86,7 +87,8 @@ struct Converter<'a> {
     stage: &'a ComposedStage,
     out: GlbOutput,
     nodes: usize,
-    prims: usize,
+    /// Those that were looked at.
+    prims: HashSet<Path>,
     /// Start, end and number per second of the time codes.
     clock: [f64; 3],
     meshes: BTreeMap<String, Option<usize>>,
@@ -105,7 +107,7 @@ impl<'a> Converter<'a> {
             stage,
             out: GlbOutput::default(),
             nodes: 0,
-            prims: 0,
+            prims: HashSet::new(),
             clock: [0.0, 0.0, 24.0],
             meshes: BTreeMap::new(),
             materials: BTreeMap::new(),
@@ -327,8 +329,7 @@ impl<'a> Converter<'a> {
         if level > MOST_LEVELS {
             return Err(format!("{}: prims are nested too deeply", prim.as_str()));
         }
-        self.prims += 1;
-        if self.prims > MOST_PRIMS {
+        if self.prims.insert(prim.clone()) && self.prims.len() > MOST_PRIMS {
             return Err(format!("it has more than {MOST_PRIMS} prims"));
         }
         let kind = self.kind(prim);
