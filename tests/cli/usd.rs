@@ -236,6 +236,14 @@ fn files_of_usd_that_cannot_be_used_say_why() {
     }
     desk.write("text.usd", "no stage");
     check("text.usd").fails(65, &["text.usd: it is damaged, or no USD"]);
+    // Few lines that make a hundred million prims.
+    let mut bomb = "#usda 1.0\n(\n    defaultPrim = \"A0\"\n)\n".to_owned();
+    for level in 0..8 {
+        let child = |i| format!("def Xform \"c{i}\" (\n    references = </A{}>\n)\n{{\n}}\n", level + 1);
+        bomb += &format!("def Xform \"A{level}\"\n{{\n{}}}\n", (0..10).map(child).collect::<String>());
+    }
+    desk.write("bomb.usda", bomb + "def Xform \"A8\"\n{\n}\n");
+    check("bomb.usda").fails(65, &["its references make more than 10", "prims of few: it is not composed"]);
     // Layers that name each other without an end.
     let header = "#usda 1.0\n(\n    subLayers = [@./";
     for number in 0..70 {

@@ -148,6 +148,11 @@ impl ComposedStage {
         self.is_shown(&path).then_some(path)
     }
 
+    /// Size of all files that it is made of.
+    pub fn bytes(&self) -> usize {
+        self.files.borrow().found.values().flatten().map(Vec::len).sum()
+    }
+
     /// A file that the stage has asked for.
     pub fn file(&self, name: &str) -> Option<Vec<u8>> {
         self.files.borrow().open(name)
