@@ -20,8 +20,8 @@ use values::{number, quaternion, quaternions, vector, vectors};
 
 /// Nodes of the result, and levels of prims: more than any pile has.
 const MOST_NODES: usize = 4_000_000;
-/// Prims, which take some 100 microseconds and 10 KiB each to compose, of a small file; and bytes of a larger one for each
-/// further prim.
+/// Prims, which take some 100 microseconds and 10 KiB each to compose, of a small file; and bytes of a larger one for
+/// each further prim.
 const FEW_PRIMS: usize = 10_000;
 const BYTES_OF_A_PRIM: usize = 64;
 const MOST_LEVELS: usize = 200;
@@ -331,8 +331,9 @@ impl<'a> Converter<'a> {
         if level > MOST_LEVELS {
             return Err(format!("{}: prims are nested too deeply", prim.as_str()));
         }
-        let most = FEW_PRIMS + self.stage.bytes() / BYTES_OF_A_PRIM;
-        if self.prims.insert(prim.clone()) && self.prims.len() > most {
+        let is_new = self.prims.insert(prim.clone()) && self.prims.len() > FEW_PRIMS;
+        let most = if is_new { FEW_PRIMS + self.stage.bytes() / BYTES_OF_A_PRIM } else { usize::MAX };
+        if self.prims.len() > most {
             return Err(format!("its references make more than {most} prims of few: it is not composed"));
         }
         let kind = self.kind(prim);
