@@ -38,7 +38,24 @@ def generate(output):
     into = [f"--{kind}_out={output}" for kind in ("python", "pyi")]
     compiler = [sys.executable, "-m", "grpc_tools.protoc", f"-I{ROOT / 'proto'}"]
     subprocess.run([*compiler, *into, *map(str, protos)], check=True)
+    for path in (output / "cairn" / "v1").glob("*_pb2.py"):
+        path.write_text(unbound(path.read_text()))
     (output / "cairn" / "v1" / "__init__.py").write_text('"""The messages of the service, generated."""\n')
+
+
+def unbound(code):
+    """Generated code without its check that the library is no older than the compiler: programs such as Houdini and
+    Maya bring older ones of their own, and what is left works with each since 3.20 (`tests/python/run` tries some)."""
+    start, end = "from google.protobuf import runtime_version", "# @@protoc_insertion_point(imports)"
+    head, found, rest = code.partition(start)
+    names, is_checked, rest = rest.partition(end)
+    if not found or not is_checked or "ValidateProtobufRuntimeVersion" not in names:
+        raise SystemExit("python/build.py: the compiler writes other code than it did; see `unbound`")
+    # What else is imported there stays.
+    lines = [
+        line for line in names.splitlines() if line.startswith(("from ", "import ")) and "runtime_version" not in line
+    ]
+    return head + "\n".join(lines) + "\n" + end + rest
 
 
 if __name__ == "__main__":

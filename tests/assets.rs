@@ -64,7 +64,9 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
     ];
     let mut files: Vec<String> = std::fs::read_dir(&folder)
         .unwrap()
-        .map(|e| e.unwrap().path().file_stem().unwrap().to_str().unwrap().to_string())
+        .map(|e| e.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|ending| ending == "glb"))
+        .map(|path| path.file_stem().unwrap().to_str().unwrap().to_string())
         .collect();
     files.sort();
     let mut expected = volumes.map(|(name, _)| name);

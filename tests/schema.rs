@@ -69,7 +69,7 @@ fn every_field_has_a_comment() {
 fn the_stated_defaults_are_the_defaults() {
     let mut scene = scene();
     // A bake has no use for a control mesh beside these.
-    for one in ["piles.0.path=cone.glb", "around.0.path=pile.glb"] {
+    for one in ["piles.0.path=cone.glb", "around.0.path=pile.glb", "usd.embed=false"] {
         scene.set(one).unwrap();
     }
     let message = scene.to_message();

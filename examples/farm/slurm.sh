@@ -4,8 +4,8 @@
 #     sbatch --array=0-15 examples/farm/slurm.sh SCENE OUT SEEDS EACH [FORMAT]
 #     sbatch --array=0-15%8 examples/farm/slurm.sh examples/sticks.toml piles 0..63 4 usdc
 #
-# %8 lets at most eight tasks run at once. `cairn plan SCENE --json` estimates the CPU seconds of a bake (estimates) and the
-# size of its result (most_result_bytes): give --time, --mem-per-cpu and --cpus-per-task by these.
+# %8 lets at most eight tasks run at once. What stands below is for small scenes: examples/farm/requests.py SCENE --each EACH
+# prints --cpus-per-task, --mem-per-cpu and --time for a scene, by the estimates of `cairn plan`; give them to sbatch.
 #
 # If a node fails, or Slurm takes it back, the task runs again elsewhere and bakes the missing results. For the latter case, the
 # cluster's slurm.conf has `RequeueExit=75`: Cairn ends with this code after a signal.

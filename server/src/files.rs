@@ -1,4 +1,5 @@
-//! Reads input files, with a message for each kind of failure, and writes files complete or not at all.
+//! Reads input files, with a message for each kind of failure, and writes files complete or not at all. Long: all that
+//! the package knows of paths is here.
 
 use crate::failpoints;
 use crate::problem::{Problem, nearest};
@@ -140,6 +141,36 @@ pub fn beside(folder: &Path, relative: &str) -> Option<PathBuf> {
     (!leads_away).then(|| folder.join(relative))
 }
 
+/// The way from a folder to a file or folder, as paths in files are written: `../kit/rock.usd`, `./rock.usd`. Where
+/// there is none, as between drives, the whole path.
+pub fn way(from: &Path, to: &Path) -> String {
+    let whole = |path: &Path| {
+        // The current folder is an empty path, too.
+        let path = if path.as_os_str().is_empty() { Path::new(".") } else { path };
+        normalized(&std::path::absolute(path).unwrap_or_else(|_| path.to_owned()))
+    };
+    let (from, to) = (whole(from), whole(to));
+    let shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
+    let text = |part: Component| part.as_os_str().to_string_lossy().into_owned();
+    if shared == 0 {
+        return to.to_string_lossy().replace('\\', "/");
+    }
+    let up = from.components().skip(shared).map(|_| "..".to_owned());
+    let parts: Vec<String> = up.chain(to.components().skip(shared).map(text)).collect();
+    let way = parts.join("/");
+    if way.starts_with("..") { way } else { format!("./{way}") }
+}
+
+/// A path below another one, as paths in files are written: see [`way`].
+pub fn joined(folder: &str, path: &str) -> String {
+    let path = path.replace('\\', "/");
+    if folder.contains("://") {
+        return format!("{}/{path}", folder.trim_end_matches('/'));
+    }
+    let whole = normalized(&Path::new(folder).join(&path)).to_string_lossy().replace('\\', "/");
+    if whole.starts_with("..") || Path::new(&whole).is_absolute() { whole } else { format!("./{whole}") }
+}
+
 /// Whether a path is written as one below a folder. Links are not followed.
 pub fn is_below(folder: &Path, path: &Path) -> bool {
     let relative = if folder == Path::new(".") { Some(path) } else { path.strip_prefix(folder).ok() };
@@ -156,7 +187,16 @@ pub fn leads_out(folder: &Path, path: &Path) -> bool {
 }
 
 /// Extensions of the files that hold models.
-const MODEL_EXTENSIONS: [&str; 2] = ["glb", "gltf"];
+const MODEL_EXTENSIONS: [&str; 6] = ["glb", "gltf", "usd", "usda", "usdc", "usdz"];
+
+/// Extensions of the files of USD.
+const USD_EXTENSIONS: [&str; 4] = ["usd", "usda", "usdc", "usdz"];
+
+/// Whether a path names a file of USD, by its extension.
+pub fn is_usd(path: &str) -> bool {
+    let extension = path.rsplit_once('.').map_or("", |(_, extension)| extension);
+    USD_EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
+}
 
 /// Whether a path names a model, by its extension.
 pub fn is_model_file(path: &Path) -> bool {
@@ -164,7 +204,7 @@ pub fn is_model_file(path: &Path) -> bool {
     MODEL_EXTENSIONS.iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
-/// `kit.glb#Brick` -> file and node. A `#` elsewhere belongs to the file's name.
+/// `kit.glb#Brick` -> file and node, `kit.usd#/Kit/Brick` -> file and prim. A `#` elsewhere belongs to the file's name.
 pub fn split_node(path: &str) -> (&str, Option<&str>) {
     let lower = path.to_ascii_lowercase();
     let ends = MODEL_EXTENSIONS.into_iter().filter_map(|extension| {
@@ -355,9 +395,33 @@ mod tests {
     }
 
     #[test]
+    fn ways_lead_from_a_folder_to_a_file() {
+        for (from, to, expected) in [
+            ("show/shots", "show/kit/rock.usd", "../kit/rock.usd"),
+            ("show", "show/kit/rock.usd", "./kit/rock.usd"),
+            ("show/./a/..", "show/rock.usd", "./rock.usd"),
+            ("a/b", "a", ".."),
+            ("shots/a", "", "../.."),
+            ("", "", "./"),
+        ] {
+            assert_eq!(way(Path::new(from), Path::new(to)), expected);
+        }
+        for (folder, path, expected) in [
+            ("", "kit/rock.usd", "./kit/rock.usd"),
+            ("./a", "../kit/rock.usd", "./kit/rock.usd"),
+            ("..", "kit/rock.usd", "../kit/rock.usd"),
+            ("/show", "kit/rock.usd", "/show/kit/rock.usd"),
+            ("show://kit/", "rock.usd", "show://kit/rock.usd"),
+        ] {
+            assert_eq!(joined(folder, path), expected);
+        }
+    }
+
+    #[test]
     fn a_node_follows_the_extension() {
         assert_eq!(split_node("kit.glb#Brick"), ("kit.glb", Some("Brick")));
         assert_eq!(split_node("a#b/kit.GLTF#Brick #2"), ("a#b/kit.GLTF", Some("Brick #2")));
         assert_eq!(split_node("a#b/kit.glb"), ("a#b/kit.glb", None));
+        assert_eq!(split_node("kit.usdc#/Kit/Brick"), ("kit.usdc", Some("/Kit/Brick")));
     }
 }

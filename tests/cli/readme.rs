@@ -110,7 +110,7 @@ fn desk_with_examples() -> Desk {
     for folder in ["examples", "examples/assets", "examples/guide"] {
         std::fs::create_dir(desk.path(folder)).unwrap();
         for entry in std::fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap()) {
-            if entry.path().extension().is_some_and(|ending| ["glb", "toml"].iter().any(|one| ending == *one)) {
+            if entry.path().extension().is_some_and(|ending| ["glb", "toml", "usda"].iter().any(|one| ending == *one)) {
                 std::fs::copy(entry.path(), desk.path(folder).join(entry.file_name())).unwrap();
             }
         }

@@ -296,5 +296,12 @@ pub fn shop() -> Desk {
          [[bodies]]\nprop = 'stick'\nposition = [9, 0, 0]\n",
     );
     scene("keys.toml", "[[statics]]\npath = 'brick.glb'\nkeyframes = [{ frame = 2 }, { frame = 1 }]\n");
+    let kit = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets/kit.usda")).unwrap();
+    let caged = kit.replace("uniform token subdivisionScheme = \"none\"", "").replace("UsdPreviewSurface", "Other");
+    let others = "def Xform \"Slab\"\n    {\n        def Sphere \"ball\"\n        {\n        }\n        \
+                  def SkelRoot \"doll\"\n        {\n        }\n";
+    desk.write("caged.usda", caged.replace("def Xform \"Slab\"\n    {\n", others));
+    desk.write("lost.usda", "#usda 1.0\n(\n    subLayers = [@./gone.usda@]\n)\n");
+    desk.write("kit.usda", kit);
     desk
 }

@@ -105,6 +105,29 @@ fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
 
 /// With `--progress json`, each line on stderr is an object: progress, notes, the result, and errors, those of the
 /// command line included. `-q` keeps errors.
+/// What a farm asks of a machine for a bake, against what the bake takes.
+#[test]
+fn a_plan_says_what_a_bake_needs() {
+    let desk = Desk::new();
+    let scene = "--control cone.glb --prop stick.glb --accuracy draft";
+    let needs = |count: usize| -> Value {
+        let plan = desk.line(&format!("plan {scene} --set fill.count={count} --json")).ok();
+        serde_json::from_str::<Value>(&plan).unwrap()["resources"].clone()
+    };
+    let number = |of: &Value, name: &str| of[name].as_f64().unwrap_or_else(|| panic!("{name}: {of}"));
+    let (few, many) = (needs(5), needs(500));
+    assert_eq!(few["cores"], 1);
+    for name in ["seconds", "memory_bytes"] {
+        assert!(number(&few, name) < number(&many, name), "{few} {many}");
+        assert!(number(&few, name) < number(&few, &format!("most_{name}")), "{few}");
+    }
+    let bake = format!("bake {scene} --set fill.count=5 --no-cache -q -o pile.glb --report pile.json");
+    desk.line(&bake).ok();
+    let report: Value = serde_json::from_slice(&std::fs::read(desk.path("pile.json")).unwrap()).unwrap();
+    let (took, most) = (number(&report, "peak_memory_bytes"), number(&few, "most_memory_bytes"));
+    assert!(took < 2.0 * most && most < 4.0 * took, "{took} of {most}");
+}
+
 #[test]
 fn json_lines_are_all_there_is() {
     let desk = Desk::new();

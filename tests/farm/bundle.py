@@ -42,6 +42,7 @@ def main(program):
     folders = [(BUNDLE / folder).resolve() for folder in references["inputs"]["directories"]]
     assert all(folder.is_dir() for folder in folders)
 
+    requests(program)
     with tempfile.TemporaryDirectory(prefix="cairn-openjd-") as work:
         scenes, output = Path(work) / "scenes", Path(work) / "out"
         scenes.mkdir()
@@ -105,6 +106,27 @@ def run(program, scenes, output):
     arguments = [word for name, value in given.items() for word in ("--job-param", f"{name}={value}")]
     command = [OPENJD, "run", BUNDLE / "template.yaml", "--step", "Bake", "--extensions", "TASK_CHUNKING", *arguments]
     return subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def requests(program):
+    """What tasks ask for follows the estimates of the scene."""
+
+    def asked(scene, *given):
+        command = [sys.executable, BUNDLE.parent / "requests.py", scene, "--program", program, *given]
+        return subprocess.run(command, cwd=ROOT / "examples", capture_output=True, text=True, check=True).stdout
+
+    few = json.loads(asked("sticks.toml", "--each", "4", "--accuracy", "draft", "--json"))
+    many = json.loads(asked("sticks.toml", "--each", "8", "--accuracy", "draft", "--json"))
+    careful = json.loads(asked("sticks.toml", "--each", "4", "--accuracy", "fine", "--json"))
+    assert few["cores"] == many["cores"] == 2 and few["memory_mib"] == many["memory_mib"] > 2 * 26
+    assert few["seconds"] < many["seconds"] and few["seconds"] < careful["seconds"]
+    flags = asked("sticks.toml", "--each", "4", "--accuracy", "draft").split()
+    assert [flag.split("=")[0] for flag in flags] == ["--cpus-per-task", "--mem-per-cpu", "--time"]
+    filled = asked("sticks.toml", "--each", "4", "--accuracy", "draft", "--openjd", BUNDLE / "template.yaml")
+    template = decode_job_template(template=yaml.safe_load(filled), supported_extensions=["TASK_CHUNKING"])
+    amounts = {amount.name: amount.min for amount in template.steps[0].hostRequirements.amounts}
+    assert amounts == {"amount.worker.vcpu": 2, "amount.worker.memory": few["memory_mib"]}
+    assert "# The scene files, without their ending." in filled
 
 
 if __name__ == "__main__":

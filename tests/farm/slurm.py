@@ -156,7 +156,9 @@ def main(program):
     with Farm(work, program) as farm:
         farm.env["CAIRN_NO_CACHE"] = "1"
         out = work / "piles"
-        script = ["--output", work / "tasks.log", "--cpus-per-task=2", "--mem-per-cpu=1000", "examples/farm/slurm.sh"]
+        asked = [sys.executable, ROOT / "examples/farm/requests.py", scene, "--each", str(EACH), "--program", program]
+        needs = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+        script = ["--output", work / "tasks.log", *needs, "examples/farm/slurm.sh"]
         job = farm.submit(f"--array=0-{COUNT // EACH - 1}", *script, scene, out, f"0..{COUNT - 1}", str(EACH))
         wait_for(
             "some results, and a task on the second node",
@@ -182,6 +184,7 @@ def main(program):
         settings = ["--set", "accuracy=reference"]
         long = subprocess.run([program, "scene", scene, *settings], capture_output=True, text=True, check=True).stdout
         (work / "long.toml").write_text(long.replace("count = 12", "count = 150"))
+        script = ["--output", work / "tasks.log", "--cpus-per-task=2", "--mem-per-cpu=1000", "examples/farm/slurm.sh"]
         job = farm.submit("--array=0", *script, work / "long.toml", late, "0..0", "1")
         wait_for(
             "the task's process",

@@ -49,7 +49,8 @@ fn what_can_be_read_can_be_written() {
         if asset::read(&Source { name: &name, bytes: &bytes, node: None, resolve: &resolve, limits }).is_err() {
             continue;
         }
-        let model = SourceModel { name: "prop", file: &name, bytes: &bytes, node: None, resolve: &resolve };
+        let model =
+            SourceModel { name: "prop", file: &name, bytes: &bytes, node: None, resolve: &resolve, asset: None };
         let scene = ExportScene { props: vec![model], scenery: vec![model], ..Default::default() };
         let result = encode(Format::Glb, &pile, &scene).unwrap_or_else(|error| panic!("{name}: {error}"));
         std::fs::write(results.join(format!("{}.glb", name.replace(['/', '\\'], "_"))), result).unwrap();

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 fn prop<'a>(name: &'a str, bytes: &'a [u8], node: Option<&'a str>) -> SourceModel<'a> {
-    SourceModel { name, file: "file.gltf", bytes, node, resolve: &no_files }
+    SourceModel { name, file: "file.gltf", bytes, node, resolve: &no_files, asset: None }
 }
 
 #[test]
@@ -187,7 +187,8 @@ fn the_same_file_twice_is_stored_once() {
 fn external_buffers_are_embedded_and_missing_images_stay() {
     let (gltf, bin) = files::separate();
     let resolve = |uri: &str| if uri == "cube.bin" { Ok(bin.clone()) } else { Err(format!("{uri} is missing")) };
-    let model = SourceModel { name: "cube", file: "cube.gltf", bytes: &gltf, node: None, resolve: &resolve };
+    let model =
+        SourceModel { name: "cube", file: "cube.gltf", bytes: &gltf, node: None, resolve: &resolve, asset: None };
     let scene = ExportScene { props: vec![model], scenery: vec![], ..Default::default() };
     let bytes = encode(Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     let json = json_of(&bytes);

@@ -49,7 +49,7 @@ fn baked_with(bytes: &[u8], resolve: &Resolver) -> (f64, Vec<String>, Value) {
     let limits = Limits::default();
     let read = asset::read(&Source { name: "file", bytes, node: None, resolve, limits });
     let Asset { mesh, mut notes, .. } = read.unwrap_or_else(|problems| panic!("{problems:?}"));
-    let model = SourceModel { name: "file", file: "file", bytes, node: None, resolve };
+    let model = SourceModel { name: "file", file: "file", bytes, node: None, resolve, asset: None };
     notes.extend(rehearse(&[model], false, &Disk::default()).unwrap().left_out);
     let pose = Pose { translation: DVec3::Y, rotation: DQuat::IDENTITY };
     let scene = ExportScene { props: vec![model], ..Default::default() };

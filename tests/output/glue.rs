@@ -61,7 +61,7 @@ fn extras_are_merged() {
     let mut with_text = kit_json();
     with_text["nodes"] = json!([{ "mesh": 0, "extras": "mine" }]);
     let (cube, kit, with_text) = (textured_cube(), kit(), with_text.to_string().into_bytes());
-    let prop = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
+    let prop = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files, asset: None };
     let props = [&cube, &kit, &with_extras, &with_text].map(|bytes| prop(bytes)).to_vec();
     let scene = ExportScene { props, scenery: vec![], ..Default::default() };
     let bodies = [0, 1, 2, 2, 3, 3, 0].map(|prop| (prop, 1.0));

@@ -352,7 +352,14 @@ fn nothing_of_generated_files_is_lost_in_silence() {
     for number in 0..400 {
         let file = generated(&mut rng);
         let (name, text) = (format!("file {number}"), file.to_string());
-        let model = SourceModel { name: &name, file: &name, bytes: text.as_bytes(), node: None, resolve: &resolve };
+        let model = SourceModel {
+            name: &name,
+            file: &name,
+            bytes: text.as_bytes(),
+            node: None,
+            resolve: &resolve,
+            asset: None,
+        };
         let (notes, result) = noted(&model, &Disk::default()).expect("it has triangles");
         lost += check(&name, &file, &notes, &result);
     }
@@ -366,8 +373,14 @@ fn nothing_of_a_collection_is_lost_in_silence() {
     let mut read = 0;
     for name in names {
         let Ok(file) = InputFile::read(&folder.join(&name), &disk) else { continue };
-        let model =
-            SourceModel { name: &name, file: &file.name, bytes: &file.bytes, node: None, resolve: &*file.resolve };
+        let model = SourceModel {
+            name: &name,
+            file: &file.name,
+            bytes: &file.bytes,
+            node: None,
+            resolve: &*file.resolve,
+            asset: None,
+        };
         let Some((notes, result)) = noted(&model, &*disk) else { continue };
         let json = if file.bytes.starts_with(b"glTF") {
             json_of(&file.bytes)

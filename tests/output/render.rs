@@ -20,7 +20,7 @@ fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
 
 fn baked(frames: Vec<Vec<Pose>>) -> Vec<u8> {
     let (cube, kit) = (textured_cube(), kit());
-    let model = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files };
+    let model = |bytes| SourceModel { name: "prop", file: "prop", bytes, node: None, resolve: &no_files, asset: None };
     let scene = ExportScene { props: vec![model(&cube), model(&kit)], scenery: vec![], ..Default::default() };
     encode(Format::Glb, &pile_of(&[(0, 1.0), (1, 0.2), (0, 2.0)], frames), &scene).unwrap()
 }
@@ -161,7 +161,7 @@ fn size_and_place_of_the_world_do_not_matter() {
 /// Two of three cubes side by side, glued to each other.
 fn glued(moves: f64) -> Vec<u8> {
     let cube = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cube.glb")).unwrap();
-    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
+    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files, asset: None };
     let at = |x: f64| Pose { translation: DVec3::X * x, rotation: DQuat::IDENTITY };
     let frames = [moves, 0.0].map(|by| [-4.0, 0.0, 4.0].map(|x| at(x + by)).to_vec()).to_vec();
     let mut pile = pile_of(&[(0, 1.0); 3], frames);
@@ -199,7 +199,7 @@ fn dots_are_shown() {
 #[test]
 fn a_pile_without_glue_is_refused() {
     let cube = textured_cube();
-    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files };
+    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files, asset: None };
     let scene = ExportScene { props: vec![prop], scenery: vec![], ..Default::default() };
     let plain = encode(Format::Glb, &pile_of(&[(0, 1.0)], tumbling(1, 2)), &scene).unwrap();
     for bytes in [&plain, &kit()] {

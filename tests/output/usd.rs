@@ -2,8 +2,9 @@
 
 use crate::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
-use cairn::model::export::{ExportScene, SourceModel, as_gltf, encode, origin, write};
+use cairn::model::export::{ExportScene, Layout, PartPrim, SourceModel, UsdAsset, as_gltf, encode, origin, write};
 use cairn::model::render::{Moment, RenderModel, Settings, render};
+use cairn::wire::proto::UsdMotion;
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
 use glam::DVec3;
@@ -12,7 +13,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 fn prop<'a>(name: &'a str, bytes: &'a [u8]) -> SourceModel<'a> {
-    SourceModel { name, file: "file.gltf", bytes, node: None, resolve: &no_files }
+    SourceModel { name, file: "file.gltf", bytes, node: None, resolve: &no_files, asset: None }
 }
 
 /// The text that a bake is written as.
@@ -320,4 +321,26 @@ fn what_usd_leaves_out_is_reported() {
         }
     }
     assert!(left_out(&plain).iter().all(Vec::is_empty), "{:?}", left_out(&plain));
+}
+
+/// What a show stores of a pile whose props are assets.
+#[test]
+fn a_result_of_references_is_small() {
+    /// The pile that a studio asked for, and three seconds of it.
+    const BODIES: usize = 2000;
+    const FRAMES: usize = 72;
+    let cube = textured_cube();
+    let prims = [PartPrim { path: "/rock".into(), place: glam::DMat4::IDENTITY, off: Vec::new() }];
+    let asset = Some(UsdAsset { path: "./rock.usd", prims: &prims, is_default: true });
+    let pile = pile_of(&[(0, 1.0); BODIES], tumbling(BODIES, FRAMES));
+    let size = |motion| {
+        let layout = Layout { motion, ..Layout::default() };
+        let props = vec![SourceModel { asset, ..prop("rock.usd", &cube) }];
+        let result = encode(Usdc, &pile, &ExportScene { props, layout, ..Default::default() }).unwrap();
+        assert!(result.sidecars.is_empty(), "its pictures are those of the asset");
+        result.bytes.len()
+    };
+    let (full, lean, none) = (size(UsdMotion::Full), size(UsdMotion::Lean), size(UsdMotion::None));
+    assert!(none < 200_000 && lean <= 3_000_000, "{none} bytes at rest, {lean} in motion");
+    assert!(2 * lean < full, "{lean} of {full} bytes");
 }

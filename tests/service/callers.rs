@@ -2,7 +2,10 @@
 
 use crate::server::{Server, assert_fault, command, endless, request, short, take};
 use cairn::client::{Connection, Target};
-use cairn::wire::proto::{BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, ListBakesRequest};
+use cairn::wire::proto::{
+    BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
+    HaveAssetsRequest, ListBakesRequest, WatchBakeRequest,
+};
 use std::time::Duration;
 use tonic::Code;
 
@@ -137,6 +140,136 @@ async fn a_bake_belongs_to_all_who_want_it() {
         let refused = ben.service.bake(BakeRequest { labels, ..request(short(1)) }).await.unwrap_err();
         let details = assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID");
         assert!(details.bad_request().unwrap().field_violations[0].description.contains(words), "{refused:?}");
+    }
+}
+
+const PROJECTS: &str = "
+[[project]]
+name = 'dune'
+queue = 1
+bakes = 1
+
+[[project]]
+name = 'heat'
+
+[[caller]]
+name = 'anna'
+token = 'token of anna'
+project = 'dune'
+
+[[caller]]
+name = 'ben'
+token = 'token of ben'
+project = 'dune'
+
+[[caller]]
+name = 'cleo'
+token = 'token of cleo'
+project = 'heat'
+role = 'operator'
+
+[[caller]]
+name = 'farm'
+token = 'token of the farm'
+role = 'operator'
+
+[[caller]]
+name = 'guest'
+token = 'token of guest'
+";
+
+/// Shows see nothing of each other, and share their own limits.
+#[tokio::test]
+async fn projects_are_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("callers.toml"), PROJECTS).unwrap();
+    let arguments = ["--callers-file", "callers.toml", "--workers", "3"];
+    let server = Server::start_in(folder.path(), &arguments);
+    let (mut anna, mut ben, mut cleo) =
+        (known(&server, "anna").await, known(&server, "ben").await, known(&server, "cleo").await);
+    let (mut farm, mut guest) = (known(&server, "the farm").await, known(&server, "guest").await);
+    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
+    let files: Vec<_> = files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect();
+    let files: std::collections::BTreeMap<String, bytes::Bytes> = files.into_iter().collect();
+    anna.upload(&files).await.unwrap();
+
+    // A file of one show is not there for another one, whoever knows its hash.
+    let wanted = HaveAssetsRequest { sha256: files.keys().cloned().collect() };
+    let missing = async |connection: &mut Connection| {
+        connection.service.have_assets(wanted.clone()).await.unwrap().into_inner().missing_sha256.len()
+    };
+    assert_eq!((missing(&mut ben).await, missing(&mut cleo).await, missing(&mut guest).await), (0, 2, 2));
+    let refused = cleo.service.bake(request(endless(1))).await.unwrap_err();
+    assert_fault(&refused, Code::FailedPrecondition, "ASSETS_MISSING");
+
+    // A request of two shows is a bake of each.
+    cleo.upload(&files).await.unwrap();
+    let of_dune = begin(&mut anna, request(endless(1))).await;
+    assert_eq!(begin(&mut ben, request(endless(1))).await, of_dune, "within a show, it is shared");
+    let of_heat = begin(&mut cleo, request(endless(1))).await;
+    assert_ne!(of_dune, of_heat);
+
+    // The other one's is as if there were none, also for an operator of another show.
+    let get = |id: &str| GetBakeRequest { bake_id: id.into() };
+    let watch = |id: &str| WatchBakeRequest { bake_id: id.into(), ..Default::default() };
+    let fetch = |id: &str| DownloadResultRequest { bake_id: id.into(), ..Default::default() };
+    let cancel = |id: &str| CancelBakeRequest { bake_id: id.into() };
+    let delete = |id: &str| DeleteBakeRequest { bake_id: id.into() };
+    for (mut other, id) in [(cleo.clone(), &of_dune), (anna.clone(), &of_heat), (guest.clone(), &of_dune)] {
+        for refused in [
+            other.service.get_bake(get(id)).await.unwrap_err(),
+            other.service.watch_bake(watch(id)).await.err().unwrap(),
+            other.service.download_result(fetch(id)).await.err().unwrap(),
+            other.service.cancel_bake(cancel(id)).await.unwrap_err(),
+            other.service.delete_bake(delete(id)).await.unwrap_err(),
+        ] {
+            assert_fault(&refused, Code::NotFound, "BAKE_NOT_FOUND");
+        }
+    }
+    let all = ListBakesRequest::default;
+    assert_eq!(ids(&mut ben, all()).await, [of_dune.as_str()]);
+    assert_eq!(ids(&mut cleo, all()).await, [of_heat.as_str()]);
+    assert_eq!(ids(&mut guest, all()).await, [""; 0]);
+    assert_eq!(ids(&mut farm, all()).await, [of_heat.clone(), of_dune.clone()], "the farm's operator sees all");
+    let status = farm.service.get_bake(get(&of_heat)).await.unwrap().into_inner().bake.unwrap();
+    assert_eq!((&*status.project, &*status.owner), ("heat", "cleo"));
+
+    // The limits are those of the whole show: one runs and one waits, whoever asked for them.
+    crate::server::until(&mut anna, &of_dune, BakeState::Running).await;
+    let second = begin(&mut ben, request(endless(2))).await;
+    assert_eq!(crate::server::status(&mut anna, &second).await.state(), BakeState::Queued);
+    let refused = anna.service.bake(request(endless(3))).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
+    assert!(refused.message().contains("project dune has 2 running or waiting bakes of at most 2"), "{refused:?}");
+    let other = begin(&mut cleo, request(endless(2))).await;
+    crate::server::until(&mut cleo, &other, BakeState::Running).await;
+    until_logged(&server, "caller=\"cleo\" project=\"heat\" call=\"GetBake\" status=\"5\"").await;
+
+    // The next server keeps them apart.
+    drop(server);
+    let server = Server::start_in(folder.path(), &arguments);
+    let (mut ben, mut cleo) = (known(&server, "ben").await, known(&server, "cleo").await);
+    assert_eq!(ids(&mut ben, all()).await, [second, of_dune.clone()]);
+    assert_fault(&cleo.service.get_bake(get(&of_dune)).await.unwrap_err(), Code::NotFound, "BAKE_NOT_FOUND");
+    for id in [&of_heat, &other] {
+        cleo.service.cancel_bake(cancel(id)).await.unwrap();
+    }
+}
+
+#[test]
+fn projects_are_named_once_and_known() {
+    let folder = tempfile::tempdir().unwrap();
+    for (file, words) in [
+        ("[[caller]]\nname = 'a'\ntoken = 't'\nproject = 'dune'", "caller `a`: there is no project `dune`"),
+        (
+            "[[project]]\nname = 'dune'\n[[project]]\nname = 'dune'\n[[caller]]\nname = 'a'\ntoken = 't'",
+            "project `dune`: the name is empty or used twice",
+        ),
+    ] {
+        std::fs::write(folder.path().join("callers.toml"), file).unwrap();
+        let done = command(folder.path()).args(["--callers-file", "callers.toml"]).output().unwrap();
+        assert_eq!(done.status.code(), Some(78), "{done:?}");
+        assert!(String::from_utf8_lossy(&done.stderr).contains(words), "{done:?}");
     }
 }
 

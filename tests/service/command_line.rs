@@ -40,6 +40,30 @@ fn the_same_bytes_from_near_and_far() {
     }
 }
 
+/// Assets that are USD are sent with the layers that they name, and a result refers to them from where it is written.
+#[test]
+fn assets_of_a_show_are_sent_and_referred_to() {
+    let server = Server::start(&[]);
+    let far = &server.addresses[0];
+    std::fs::create_dir_all(server.path("kit/geo")).unwrap();
+    std::fs::create_dir_all(server.path("shots/a")).unwrap();
+    std::fs::copy(asset("kit.usda"), server.path("kit/geo/kit.usda")).unwrap();
+    let prop = "#usda 1.0\n(\n    defaultPrim = \"brick\"\n    metersPerUnit = 0.01\n    upAxis = \"Z\"\n)\n\
+                def \"brick\" (\n    payload = @./geo/kit.usda@</Kit/Brick>\n)\n{\n}\n";
+    std::fs::write(server.path("kit/brick.usda"), prop).unwrap();
+    let scene = "--control cone-small.glb --prop kit/brick.usda --accuracy draft --set fill.count=6 --frames 4";
+    for (set, name) in [("", "pile.usda"), ("", "shots/a/pile.usda"), ("--set usd.up_axis=z", "shots/pile.usda")] {
+        let bake = |to: &str| {
+            let done = cairn(server.folder(), &format!("bake {scene} {set} -q -o {name} {to}"));
+            assert!(done.status.success(), "{done:?}");
+            std::fs::read_to_string(server.path(name)).unwrap()
+        };
+        let (near, remote) = (bake(""), bake(&format!("--server {far}")));
+        assert!(near.contains("kit/brick.usda@\n") && !near.contains("faceVertexCounts"), "{name}");
+        assert!(near == remote, "{name}: the results differ");
+    }
+}
+
 #[test]
 fn what_the_server_refuses_has_the_exit_codes_of_a_bake() {
     let server = Server::start(&[]);

@@ -2,7 +2,7 @@
 
 use crate::server::{Server, accepted_id, assert_fault, events, fields, request, sha256, short};
 use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{Artifact, DeleteBakeRequest, DownloadResultRequest, OutputFormat};
+use cairn::wire::proto::{Artifact, DeleteBakeRequest, DownloadResultRequest, OutputFormat, UpAxis, UsdLayout};
 use tonic::Code;
 
 /// The result of a bake in any format is that of a bake in this format.
@@ -85,4 +85,65 @@ async fn formats_and_files_that_there_are_not() {
     let other = DownloadResultRequest { format: OutputFormat::Usdz.into(), ..request };
     let answer = connection.service.download_result(other).await.unwrap_err();
     assert_fault(&answer, Code::FailedPrecondition, "FORMAT_UNAVAILABLE");
+}
+
+/// One bake is laid out as each caller asks.
+#[tokio::test]
+async fn each_caller_has_a_layout_of_its_own() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let layout = UsdLayout { up_axis: UpAxis::Z.into(), start_frame: Some(1001.0), ..Default::default() };
+    let mut asked = short(1);
+    asked.set_format(OutputFormat::Usda);
+    let plain = asked.clone();
+    asked.scene.as_mut().unwrap().usd = Some(layout.clone());
+    let mut ids = Vec::new();
+    for spec in [asked, plain] {
+        let (answer, end) = events(connection.service.bake(request(spec)).await.unwrap().into_inner()).await;
+        end.unwrap();
+        ids.push(accepted_id(&answer));
+    }
+    assert_eq!(ids[0], ids[1], "the layout does not change the bake");
+    let request = |usd: Option<UsdLayout>| DownloadResultRequest {
+        bake_id: ids[0].clone(),
+        format: OutputFormat::Usda.into(),
+        usd,
+        ..Default::default()
+    };
+    let mut text = async |request: &DownloadResultRequest| {
+        let result = connection.download_file(request).await.unwrap();
+        assert_eq!(sha256(&result.bytes), result.first.sha256);
+        String::from_utf8(result.bytes).unwrap()
+    };
+    let own = text(&request(None)).await;
+    assert!(own.contains("upAxis = \"Z\"") && own.contains("startTimeCode = 1001"), "{}", &own[..600]);
+    assert_eq!(text(&request(Some(layout.clone()))).await, own);
+    let plain = text(&request(Some(UsdLayout::default()))).await;
+    assert!(plain.contains("upAxis = \"Y\"") && plain.contains("startTimeCode = 0"), "{}", &plain[..600]);
+    assert!(!plain.contains("up_axis"), "its scene is the one that asks for nothing");
+    let other = UsdLayout { default_prim: Some("heap".into()), ..layout.clone() };
+    let report = DownloadResultRequest { artifact: Artifact::Report.into(), ..request(Some(other.clone())) };
+    let report: serde_json::Value = serde_json::from_str(&text(&report).await).unwrap();
+    let other = text(&request(Some(other))).await;
+    assert!(other.contains("def Xform \"heap\""));
+    assert_eq!(report["output_blake3"], blake3::hash(other.as_bytes()).to_hex().as_str());
+
+    // What cannot be asked for.
+    let wrong = UsdLayout { default_prim: Some("a/b".into()), ..Default::default() };
+    let far = DownloadResultRequest { asset_folder: "a@b".into(), ..request(None) };
+    for (field, wrong) in [("usd.default_prim", request(Some(wrong))), ("asset_folder", far)] {
+        let answer = connection.service.download_result(wrong).await.unwrap_err();
+        let details = assert_fault(&answer, Code::InvalidArgument, "REQUEST_INVALID");
+        assert_eq!(fields(&details), [field]);
+    }
+    // Of so many layouts, each takes room in the store.
+    let mut refused = None;
+    for number in 0..40 {
+        let usd = Some(UsdLayout { start_frame: Some(f64::from(number)), ..Default::default() });
+        let scene = DownloadResultRequest { artifact: Artifact::Scene.into(), ..request(usd) };
+        refused = refused.or(connection.service.download_result(scene).await.err());
+    }
+    let details = assert_fault(&refused.unwrap(), Code::InvalidArgument, "REQUEST_INVALID");
+    let words = "results of this bake were laid out in too many ways";
+    assert!(details.bad_request().unwrap().field_violations[0].description.contains(words));
 }

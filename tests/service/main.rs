@@ -17,4 +17,5 @@ mod lists;
 mod load;
 mod page;
 mod server;
+mod versions;
 mod worker;

@@ -8,7 +8,7 @@ pub mod document;
 mod gate;
 mod geometry;
 pub mod log;
-mod media;
+pub mod media;
 mod node;
 pub mod picture;
 mod problem;

@@ -4,7 +4,7 @@ use super::Variant;
 use crate::files::FileSource;
 use crate::job::report::ReportFile;
 use crate::job::request::{self, Asset};
-use crate::job::{InputFile, PortableNames, model_files};
+use crate::job::{InputFile, PortableNames, model_files, usd_parts};
 use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
@@ -30,9 +30,10 @@ pub struct Assets(BTreeMap<PathBuf, Vec<Asset>>);
 impl Assets {
     fn of(&mut self, scene: &Scene, source: &Arc<dyn FileSource>) -> Result<Vec<Asset>, Vec<Problem>> {
         let (mut found, mut problems) = (Vec::new(), Vec::new());
+        let parts = usd_parts(scene);
         for path in model_files(scene) {
             if !self.0.contains_key(&path) {
-                match InputFile::read(&path, source) {
+                match InputFile::read_parts(&path, source, parts.get(&path)) {
                     Ok(file) => drop(self.0.insert(path.clone(), request::assets(&file))),
                     Err(problem) => {
                         problems.push(problem);

@@ -6,6 +6,7 @@ use super::progress::{self, Mode, ProgressArgs, Reporter};
 use super::remote::{self, ConnectionArgs, Delivery, QueueArgs};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, print_error, print_note, print_warning, summary};
+use crate::files;
 use crate::job::{FinishedBake, Job, JobError, machine};
 use crate::model::export::{self, Encoded, Format};
 use crate::problem::Problem;
@@ -96,7 +97,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
     machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
     let mode = args.progress.shown();
-    let job = progress::while_reading(mode, || Job::read_tree(tree, args.bounds.limits()))?.relative_to(tree.folder());
+    let job = progress::while_reading(mode, || Job::read_tree(tree, args.bounds.limits()))?;
+    let job = job.relative_to(tree.folder()).written_into(files::folder_of(&args.output));
     check_outputs(args, job.inputs())?;
     let plan = cairn_core::plan(&job.scene, &job.params);
     let plan = plan.map_err(|error| Failure::from(error).with_notes(&job.notes))?;

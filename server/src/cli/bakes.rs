@@ -142,6 +142,7 @@ fn shown(bake: &BakeStatus, as_json: bool) -> Result<(), Failure> {
         ("state", Some(state_of(bake).into())),
         ("requested", Some(time(bake.create_time))),
         ("owner", Some(bake.owner.clone())),
+        ("project", Some(bake.project.clone()).filter(|project| !project.is_empty())),
         ("wanted by", Some(callers.join(", "))),
         ("labels", Some(labels(bake))),
         ("seconds", seconds(bake).map(|seconds| format!("{seconds:.1}"))),

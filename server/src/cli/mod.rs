@@ -32,7 +32,7 @@ mod worker;
 use crate::failpoints;
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 pub use failure::Failure;
 use progress::Mode;
@@ -163,12 +163,29 @@ pub fn main() -> ExitCode {
             for note in failure.notes() {
                 print_note(note);
             }
+            if matches!(failure, Failure::Usage(_)) && !is_json() {
+                eprintln!("\n{}", usage(std::env::args().skip(1)));
+            }
             if is_openjd && !messages.is_empty() {
                 progress::openjd("fail", &messages.join("; "));
             }
             failure.exit_code()
         }
     }
+}
+
+/// The usage line of the command that arguments begin with.
+fn usage(args: impl Iterator<Item = String>) -> String {
+    let mut command = Cli::command();
+    command.build();
+    let mut at = &mut command;
+    for name in args {
+        match at.find_subcommand(&name) {
+            Some(_) => at = at.find_subcommand_mut(&name).expect("it was found"),
+            None => break,
+        }
+    }
+    at.render_usage().to_string()
 }
 
 fn print_error(message: &str) {

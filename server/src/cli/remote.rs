@@ -12,7 +12,7 @@ use crate::wire::digest::hex;
 use crate::wire::from_proto;
 use crate::wire::proto::{
     Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, OutputFormat, Plan, Scene, Summary,
-    bake_event::Kind,
+    UsdLayout, bake_event::Kind,
 };
 use crate::wire::to_proto::NOTES_FIELD;
 use bytes::Bytes;
@@ -164,6 +164,7 @@ impl Files {
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
         let models = job::model_files(&scene);
+        let parts = job::usd_parts(&scene);
         let names = PortableNames::new(models.iter().map(PathBuf::as_path), folder);
         for path in models {
             if files::is_below(folder, &path) && files::leads_out(folder, &path) {
@@ -171,7 +172,7 @@ impl Files {
                 problems.push(Problem::at(&path, what, "Name its target, or put the file itself there."));
                 continue;
             }
-            let file = match InputFile::read(&path, &source) {
+            let file = match InputFile::read_parts(&path, &source, parts.get(&path)) {
                 Ok(file) => file,
                 Err(problem) => {
                     problems.push(problem);
@@ -181,9 +182,10 @@ impl Files {
             let folder = files::folder_of(&path);
             // Only a bake that uses a missing texture needs it.
             for (relative, bytes) in file.sidecars() {
-                let Some(there) = files::beside(folder, &relative) else { continue };
+                let Some(there) = job::place(folder, &relative) else { continue };
                 let there = source.find(&there).unwrap_or(there);
-                if !relative.starts_with("../") && files::leads_out(folder, &there) {
+                let is_below = !relative.starts_with("../") && Path::new(&relative).is_relative();
+                if is_below && files::leads_out(folder, &there) {
                     let what = "a link that leads out of the folder of its .gltf file, which is not sent";
                     problems.push(Problem::at(&there, what, "Put the file itself there."));
                     continue;
@@ -203,6 +205,15 @@ impl Files {
             paths.push(path);
         }
         Ok(Files { references, contents, paths, names })
+    }
+
+    /// The layout of a result in USD in this folder, and the way from there to the scene's.
+    pub fn layout(&self, scene: &Scene, folder: &Path) -> (UsdLayout, String) {
+        let has_assets = job::model_files(scene).iter().any(|path| files::is_usd(&path.to_string_lossy()));
+        let way = if has_assets { files::way(folder, self.names.base()) } else { String::new() };
+        // Where both are one folder, the result is that which is made with the bake.
+        let way = if way == "./" { String::new() } else { way };
+        (scene.usd.clone().unwrap_or_default(), way)
     }
 
     /// The request to a server.
@@ -234,6 +245,8 @@ pub fn bake(
     queue: &QueueArgs,
     delivery: &Delivery,
 ) -> Result<(), Failure> {
+    let layout = delivery.output.filter(|_| format.is_usd());
+    let layout = layout.map(|output| files.layout(&scene, files::folder_of(output)));
     let mut spec = files.spec(scene);
     // The same request, in any format, reaches the server that has baked it before.
     let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
@@ -248,7 +261,7 @@ pub fn bake(
     talk(async {
         let mut server = Connection::open(target).await?;
         server.upload(&files.contents).await?;
-        let mut follower = BakeFollower::new(delivery);
+        let mut follower = BakeFollower { layout, ..BakeFollower::new(delivery) };
         let baked = {
             let mut connection = server.clone();
             // Before it is accepted, the bake has no id by which to cancel it.
@@ -333,6 +346,8 @@ struct BakeFollower<'a> {
     began: Instant,
     id: String,
     summary: Option<Summary>,
+    /// Of the result in USD; `None`: as the bake's request has it.
+    layout: Option<(UsdLayout, String)>,
     /// The result will have no room here.
     no_room: Option<Failure>,
 }
@@ -340,7 +355,8 @@ struct BakeFollower<'a> {
 impl<'a> BakeFollower<'a> {
     fn new(delivery: &'a Delivery) -> BakeFollower<'a> {
         let reporter = Reporter::new(delivery.progress.shown());
-        BakeFollower { delivery, reporter, began: Instant::now(), id: String::new(), summary: None, no_room: None }
+        let (id, summary, layout, no_room) = Default::default();
+        BakeFollower { delivery, reporter, began: Instant::now(), id, summary, layout, no_room }
     }
 
     fn event(&mut self, kind: Option<Kind>) {
@@ -369,13 +385,15 @@ impl<'a> BakeFollower<'a> {
         let Delivery { output, format, report, progress } = *self.delivery;
         // What was made with the bake must be what its events describe.
         let own = server.status(&id).await?.format();
-        let is_own = format.is_none_or(|format| own == format.wire());
+        let is_own = format.is_none_or(|format| own == format.wire()) && self.layout.is_none();
         let described = self.summary.as_ref().filter(|_| is_own);
         let request = |artifact: Artifact, file: &str| DownloadResultRequest {
             bake_id: id.clone(),
             artifact: artifact.into(),
             format: format.map_or(OutputFormat::Unspecified, Format::wire).into(),
             file: file.to_owned(),
+            usd: self.layout.as_ref().map(|(usd, _)| usd.clone()),
+            asset_folder: self.layout.as_ref().map_or_else(String::new, |(_, way)| way.clone()),
         };
         let report = match report {
             Some(path) => {

@@ -19,8 +19,8 @@ pub struct SceneArgs {
     /// its scene; - is a scene file on the standard input. The flags below override it
     pub scene: Option<PathBuf>,
 
-    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome); repeat it for
-    /// several piles that lean on each other
+    /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome), or a USD file or
+    /// prim of it (shapes.usd#/Dome); repeat it for several piles that lean on each other
     #[arg(long, value_name = "FILE[#NODE]", help_heading = "Scene")]
     control: Vec<String>,
 
@@ -32,7 +32,8 @@ pub struct SceneArgs {
     #[arg(long = "static", value_name = "FILE[#NODE]", help_heading = "Scene")]
     statics: Vec<String>,
 
-    /// Result of an earlier bake (.glb) to build around: its bodies stand as in its last frame; repeat it for several
+    /// Result of an earlier bake (.glb or USD) to build around: its bodies stand as in its last frame; repeat it for
+    /// several
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     around: Vec<String>,
 

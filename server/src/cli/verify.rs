@@ -84,7 +84,8 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
         let what = format!("baked by other versions: {}; this is {own}", origin.versions);
         return Err(Failure::input(Problem::at(path, what, "Use the version of Cairn that baked it.")));
     }
-    let job = Job::read_tree(&tree, args.bounds.limits())?.relative_to(tree.folder());
+    let job = Job::read_tree(&tree, args.bounds.limits())?;
+    let job = job.relative_to(tree.folder()).written_into(files::folder_of(path));
     let mut reporter = Reporter::new(args.progress);
     let format = Format::of(path).filter(|format| format.states_origin()).unwrap_or(Format::Glb);
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);

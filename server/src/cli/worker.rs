@@ -20,6 +20,10 @@ pub struct Args {
     #[arg(long)]
     format: Option<String>,
 
+    /// Number of the layout of an export in USD
+    #[arg(long)]
+    layout: Option<String>,
+
     /// Folder of cached fills
     #[arg(long)]
     cache: Option<PathBuf>,
@@ -46,7 +50,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let mut cache = args.cache.as_deref().map_or_else(BakeCache::none, BakeCache::at);
             worker::bake(&args.folder, &mut cache)
         }
-        WorkerCommand::Export => worker::export(&args.folder, args.format.as_deref().unwrap_or_default()),
+        WorkerCommand::Export => {
+            worker::export(&args.folder, args.format.as_deref().unwrap_or_default(), args.layout.as_deref())
+        }
     };
     match result {
         Ok(()) => Ok(()),

@@ -2,6 +2,7 @@
 
 mod idle;
 pub mod machine;
+mod memory;
 pub mod pace;
 pub mod provenance;
 mod read;
@@ -11,8 +12,8 @@ pub mod reuse;
 mod run;
 mod sources;
 
-use crate::files::FileSource;
-use crate::model::export::{self, ExportScene, Format, Measures, Rehearsal, SourceModel};
+use crate::files::{self, FileSource};
+use crate::model::export::{self, ExportScene, Format, Layout, Measures, Rehearsal, SourceModel, UsdAsset};
 use crate::problem::Problem;
 use crate::wire::proto::{self, BakeSpec};
 use cairn_core::input::params::Params;
@@ -23,7 +24,7 @@ use machine::Meter;
 pub use run::{FinishedBake, JobError};
 use serde_json::Value;
 use sources::Reference;
-pub use sources::{InputFile, PortableNames, model_files, rename};
+pub use sources::{InputFile, PortableNames, model_files, place, rename, usd_parts};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -47,6 +48,8 @@ pub struct Job {
     files: BTreeMap<PathBuf, InputFile>,
     /// Names of the files in the result.
     names: PortableNames,
+    /// Of a result in USD.
+    pub layout: Layout,
     /// Of the models' data in a `.glb`.
     model_bytes: usize,
 }
@@ -79,7 +82,35 @@ impl Job {
         for reference in self.props.iter_mut().chain(&mut self.statics) {
             reference.portable = self.names.of(&reference.name);
         }
+        self.referred_from("")
+    }
+
+    /// Makes a result in USD, in this folder, refer to the assets where they lie, unless the scene says from where.
+    pub fn written_into(mut self, folder: &Path) -> Job {
+        if self.layout.asset_folder.is_none() {
+            for reference in self.props.iter_mut().chain(&mut self.statics) {
+                reference.asset = files::way(folder, &self.files[&reference.file].path);
+            }
+        }
         self
+    }
+
+    /// Makes a result in USD refer to assets by their names behind this folder, unless the scene says from where.
+    pub fn referred_from(mut self, folder: &str) -> Job {
+        let folder = self.layout.asset_folder.as_deref().unwrap_or(folder);
+        for reference in self.props.iter_mut().chain(&mut self.statics) {
+            reference.asset = files::joined(folder, files::split_node(&reference.portable).0);
+        }
+        self
+    }
+
+    /// Another layout of a result in USD.
+    pub fn laid_out(mut self, usd: Option<&proto::UsdLayout>) -> Result<Job, Vec<Problem>> {
+        let usd = usd.cloned().unwrap_or_default();
+        self.layout = Layout::new(&usd)?;
+        let asks = usd != proto::UsdLayout::default();
+        self.effective.usd = asks.then(|| usd.with_defaults());
+        Ok(self)
     }
 
     /// The request: everything that decides the result.
@@ -104,7 +135,7 @@ impl Job {
     pub fn export_scene<'a>(&'a self, origin: &'a Value, measures: Option<&'a Measures>) -> ExportScene<'a> {
         let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
         let keeps_instancing = self.params.output.instancing;
-        ExportScene { props, scenery, origin: Some(origin), measures, keeps_instancing }
+        ExportScene { props, scenery, origin: Some(origin), measures, keeps_instancing, layout: self.layout.clone() }
     }
 
     fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {
@@ -125,9 +156,14 @@ fn source_model<'a>(reference: &'a Reference, files: &'a BTreeMap<PathBuf, Input
     SourceModel {
         name: &reference.portable,
         file: &file.name,
-        bytes: &file.bytes,
-        node: reference.node.as_deref(),
+        bytes: file.gltf(),
+        node: file.node(reference),
         resolve: &*file.resolve,
+        asset: file.part(reference).map(|part| UsdAsset {
+            path: &reference.asset,
+            prims: &part.prims,
+            is_default: part.is_default,
+        }),
     }
 }
 

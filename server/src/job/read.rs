@@ -1,9 +1,10 @@
 //! Reads a scene's files, and gathers all problems of scene and files.
 
 use super::machine::Meter;
-use super::sources::{InputFile, PortableNames, Reference};
+use super::sources::{self, InputFile, PortableNames, Reference};
 use super::{Job, Refused};
 use crate::files::{Disk, FileSource};
+use crate::model::export::{Layout, PartChoice};
 use crate::model::resting;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
@@ -34,10 +35,18 @@ impl Job {
     /// Reads the files from `source`.
     pub fn read_with(scene: &proto::Scene, source: Arc<dyn FileSource>, limits: Limits) -> Result<Job, Refused> {
         let (began, meter) = (Instant::now(), Meter::start());
-        let mut reader = SceneReader::new(source, limits);
+        let mut reader = SceneReader::new(source, limits, sources::usd_parts(scene));
         let (params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
         let effective = effective(scene, &params);
+        let layout = match scene.usd.as_ref().map(Layout::new) {
+            Some(Err(problems)) => {
+                reader.problems.extend(problems);
+                Layout::default()
+            }
+            Some(Ok(layout)) => layout,
+            None => Layout::default(),
+        };
         let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
         let has_container = scene.fill.as_ref().is_some_and(|fill| fill.into.is_some());
         let has_piles = !scene.piles.is_empty();
@@ -119,6 +128,7 @@ impl Job {
             statics,
             files,
             names: PortableNames::default(),
+            layout,
             model_bytes,
         })
     }
@@ -133,14 +143,20 @@ struct SceneReader {
     files: BTreeMap<PathBuf, InputFile>,
     /// Unreadable files: reported once each, even if several models name them.
     missing: BTreeSet<PathBuf>,
+    /// Of files of USD, what models mean.
+    usd_parts: BTreeMap<PathBuf, BTreeSet<PartChoice>>,
     notes: Vec<String>,
     problems: Vec<Problem>,
 }
 
 impl SceneReader {
-    fn new(source: Arc<dyn FileSource>, limits: Limits) -> SceneReader {
+    fn new(
+        source: Arc<dyn FileSource>,
+        limits: Limits,
+        usd_parts: BTreeMap<PathBuf, BTreeSet<PartChoice>>,
+    ) -> SceneReader {
         let (files, missing) = Default::default();
-        SceneReader { source, limits, files, missing, notes: Vec::new(), problems: Vec::new() }
+        SceneReader { source, limits, files, missing, usd_parts, notes: Vec::new(), problems: Vec::new() }
     }
 
     /// Adds the core's problems with values. Its problems with models are left out, since unreadable models cause them.
@@ -156,7 +172,10 @@ impl SceneReader {
     }
 
     fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
-        let reference = Reference::new(path);
+        self.model_of(field, Reference::new(path))
+    }
+
+    fn model_of(&mut self, field: &str, reference: Reference) -> (Reference, Model) {
         let (mesh, is_skinned) = self.mesh(field, &reference, false).unwrap_or_default();
         let name = reference.name.clone();
         (reference, Model { name, mesh, is_skinned })
@@ -167,7 +186,7 @@ impl SceneReader {
     fn mesh(&mut self, field: &str, reference: &Reference, of_result: bool) -> Option<(TriMesh, bool)> {
         if reference.file.as_os_str().is_empty() {
             let field = format!("{field}.path");
-            let problem = Problem::new(&field, "it is empty", "Name a .glb or .gltf file.");
+            let problem = Problem::new(&field, "it is empty", "Name a .glb, .gltf or USD file.");
             self.problems.push(problem.of_field(&field));
             return None;
         }
@@ -175,8 +194,10 @@ impl SceneReader {
             return None;
         }
         if !self.files.contains_key(&reference.file) {
-            match InputFile::read(&reference.file, &self.source) {
+            let parts = self.usd_parts.get(&reference.file);
+            match InputFile::read_parts(&reference.file, &self.source, parts) {
                 Ok(file) => {
+                    self.notes.extend(file.notes().iter().map(|note| format!("{}: {note}", file.name)));
                     self.files.insert(reference.file.clone(), file);
                 }
                 Err(mut problem) => {
@@ -190,20 +211,20 @@ impl SceneReader {
         let file = &self.files[&reference.file];
         let source = Source {
             name: &file.name,
-            bytes: &file.bytes,
-            node: reference.node.as_deref().or(of_result.then_some(resting::PILE)),
+            bytes: file.gltf(),
+            node: if of_result { Some(resting::PILE) } else { file.node(reference) },
             resolve: &*file.resolve,
             limits: self.limits,
         };
-        let at_rest = match of_result.then(|| resting::run(&file.bytes)).transpose() {
+        let at_rest = match of_result.then(|| resting::run(file.gltf())).transpose() {
             Ok(bytes) => bytes,
             Err(error) => {
-                let remedy = "Name a .glb that `cairn bake` wrote.";
+                let remedy = "Name a result that `cairn bake` wrote.";
                 self.problems.push(Problem::new(&reference.name, error.to_string(), remedy).of_field(field));
                 return None;
             }
         };
-        let source = Source { bytes: at_rest.as_deref().unwrap_or(&file.bytes), ..source };
+        let source = Source { bytes: at_rest.as_deref().unwrap_or(file.gltf()), ..source };
         match asset::read(&source) {
             Ok(asset) => {
                 self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
@@ -218,7 +239,7 @@ impl SceneReader {
     }
 
     fn prop(&mut self, index: usize, prop: &proto::Prop) -> (Reference, Prop) {
-        let (reference, model) = self.model(&format!("props.{index}"), &prop.path);
+        let (reference, model) = self.model_of(&format!("props.{index}"), Reference::of_prop(&prop.path));
         let prop = Prop {
             model,
             weight: prop.weight(),

@@ -1,6 +1,7 @@
 //! The files of a scene, in memory.
 
 use crate::files::{self, FileSource, split_node};
+use crate::model::export::{self, ConvertedStage, PartChoice, StagePart};
 use crate::problem::Problem;
 use crate::wire::proto;
 use cairn_gltf::{Resolver, document};
@@ -8,19 +9,41 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A model as a scene names it: `kit.glb#Brick`.
+/// A model as a scene names it: `kit.glb#Brick`, `kit.usd#/Kit/Brick`.
 pub struct Reference {
     pub name: String,
     pub file: PathBuf,
+    /// The node or prim.
     pub node: Option<String>,
+    /// Shown in a frame at the origin of its prim: a prop.
+    pub at_origin: bool,
     /// Its name in the result.
     pub portable: String,
+    /// The path by which a result in USD refers to its file.
+    pub asset: String,
 }
 
 impl Reference {
     pub fn new(path: &str) -> Reference {
         let (file, node) = split_node(path);
-        Reference { name: path.to_owned(), file: file.into(), node: node.map(str::to_owned), portable: path.to_owned() }
+        Reference {
+            name: path.to_owned(),
+            file: file.into(),
+            node: node.map(str::to_owned),
+            at_origin: false,
+            portable: path.to_owned(),
+            asset: file.to_owned(),
+        }
+    }
+
+    /// Of a prop.
+    pub fn of_prop(path: &str) -> Reference {
+        Reference { at_origin: true, ..Reference::new(path) }
+    }
+
+    /// The part of a file of USD that it means.
+    pub fn part(&self) -> PartChoice {
+        PartChoice { prim: self.node.clone(), at_origin: self.at_origin }
     }
 }
 
@@ -58,8 +81,16 @@ impl PortableNames {
         node.map_or(name.clone(), |node| format!("{name}#{node}"))
     }
 
+    /// The folder that names are from.
+    pub fn base(&self) -> &Path {
+        &self.base
+    }
+
     /// The name of a file that a model names by this path from its folder.
     pub fn beside(&self, model: &str, relative: &str) -> String {
+        if Path::new(relative).is_absolute() {
+            return relative.to_owned();
+        }
         let model = self.of(model);
         let folder = model.rfind('/').map_or("", |at| &model[..=at]);
         let path = files::normalized(Path::new(&format!("{folder}{relative}")));
@@ -101,7 +132,22 @@ pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
     paths.map(|path| Reference::new(path).file).filter(|file| !file.as_os_str().is_empty()).collect()
 }
 
-/// One glTF file in memory.
+/// The parts of files of USD that a scene's models mean.
+pub fn usd_parts(scene: &proto::Scene) -> BTreeMap<PathBuf, BTreeSet<PartChoice>> {
+    let props = scene.props.iter().map(|prop| Reference::of_prop(&prop.path));
+    let shapes = scene.control_mesh.iter().chain(&scene.region).map(|shape| &shape.path);
+    let others = shapes.chain(scene.statics.iter().map(|model| &model.path));
+    let others = others.chain(scene.around.iter().map(|result| &result.path));
+    let others = others.chain(scene.piles.iter().map(|pile| &pile.path));
+    let others = others.chain(scene.emitters.iter().flat_map(|emitter| &emitter.mesh));
+    let mut parts: BTreeMap<PathBuf, BTreeSet<PartChoice>> = BTreeMap::new();
+    for reference in props.chain(others.map(|path| Reference::new(path))) {
+        parts.entry(reference.file.clone()).or_default().insert(reference.part());
+    }
+    parts
+}
+
+/// One file of models in memory.
 pub struct InputFile {
     /// Its name in messages.
     pub name: String,
@@ -110,23 +156,74 @@ pub struct InputFile {
     pub bytes: Vec<u8>,
     /// Reads files that it names.
     pub resolve: Box<Resolver<'static>>,
+    /// Of a file of USD.
+    usd: Option<UsdInput>,
     source: Arc<dyn FileSource>,
+}
+
+/// A file of USD as glTF.
+struct UsdInput {
+    stage: ConvertedStage,
+    parts: Vec<PartChoice>,
 }
 
 impl InputFile {
     pub fn read(path: &Path, source: &Arc<dyn FileSource>) -> Result<InputFile, Problem> {
+        InputFile::read_parts(path, source, None)
+    }
+
+    /// Reads a file; of one of USD, these parts as glTF.
+    pub fn read_parts(
+        path: &Path,
+        source: &Arc<dyn FileSource>,
+        parts: Option<&BTreeSet<PartChoice>>,
+    ) -> Result<InputFile, Problem> {
         let bytes = source.read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let sidecars = SidecarReader { folder, source: source.clone(), read: Mutex::default() };
         let resolve = Box::new(move |relative: &str| sidecars.read(relative));
         let found = source.find(path).unwrap_or_else(|| path.to_owned());
-        Ok(InputFile { name: path.display().to_string(), path: found, bytes, resolve, source: source.clone() })
+        let name = path.display().to_string();
+        let mut file = InputFile { name, path: found, bytes, resolve, usd: None, source: source.clone() };
+        if let Some(parts) = parts.filter(|_| files::is_usd(&file.name)) {
+            let parts: Vec<PartChoice> = parts.iter().cloned().collect();
+            let stage = export::convert_usd(&file.bytes, &*file.resolve, &parts).map_err(|what| {
+                Problem::at(path, what, "Put what it names where it looks for it, or name another prim.")
+            })?;
+            file.usd = Some(UsdInput { stage, parts });
+        }
+        Ok(file)
+    }
+
+    /// The file as glTF.
+    pub fn gltf(&self) -> &[u8] {
+        self.usd.as_ref().map_or(&self.bytes, |usd| &usd.stage.glb)
+    }
+
+    /// What is not read of a file of USD, one sentence each.
+    pub fn notes(&self) -> &[String] {
+        self.usd.as_ref().map_or(&[], |usd| &usd.stage.notes)
+    }
+
+    /// The part of a stage that a model means.
+    pub fn part(&self, reference: &Reference) -> Option<&StagePart> {
+        let usd = self.usd.as_ref()?;
+        let place = usd.parts.iter().position(|part| *part == reference.part())?;
+        usd.stage.parts.get(place)
+    }
+
+    /// The name of a model in the file as glTF.
+    pub fn node<'a>(&'a self, reference: &'a Reference) -> Option<&'a str> {
+        match self.part(reference) {
+            Some(part) => Some(&part.scene),
+            None => reference.node.as_deref(),
+        }
     }
 
     /// Where the file lies, and those that it names.
     pub fn paths(&self) -> Vec<PathBuf> {
         let folder = Path::new(&self.name).parent().unwrap_or(Path::new(""));
-        let beside = self.sidecars().into_keys().filter_map(|relative| files::beside(folder, &relative));
+        let beside = self.sidecars().into_keys().filter_map(|relative| place(folder, &relative));
         let beside = beside.map(|path| self.source.find(&path).unwrap_or(path));
         std::iter::once(self.path.clone()).chain(beside).collect()
     }
@@ -134,8 +231,16 @@ impl InputFile {
     /// The files that it names and that are there, by their paths from its folder. Missing ones are left out, because
     /// only bakes that use them need them.
     pub fn sidecars(&self) -> BTreeMap<String, Vec<u8>> {
+        if let Some(usd) = &self.usd {
+            return usd.stage.files.clone();
+        }
         document::external_files(&self.bytes, &*self.resolve).unwrap_or_default()
     }
+}
+
+/// The place of a file that a model in a folder names. A stage may name one by its whole path.
+pub fn place(folder: &Path, relative: &str) -> Option<PathBuf> {
+    if Path::new(relative).is_absolute() { Some(relative.into()) } else { files::beside(folder, relative) }
 }
 
 /// The files that a glTF file names. They stay in memory, so that the export uses what the bake has read.
@@ -147,7 +252,7 @@ struct SidecarReader {
 
 impl SidecarReader {
     fn read(&self, relative: &str) -> Result<Vec<u8>, String> {
-        let path = files::beside(&self.folder, relative).ok_or("it is not beside the file")?;
+        let path = place(&self.folder, relative).ok_or("it is not beside the file")?;
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(bytes) = read.get(relative) {
             return Ok(bytes.clone());

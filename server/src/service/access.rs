@@ -5,7 +5,7 @@ use crate::service::audit;
 use crate::service::config::{self, Config};
 use crate::service::status::Fault;
 use serde::Deserialize;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::watch;
@@ -21,23 +21,34 @@ pub struct Caller {
     pub name: Arc<str>,
     pub role: CallerRole,
     pub limits: CallerLimits,
+    /// Its show: it sees nothing of others.
+    pub project: Option<Arc<Project>>,
+}
+
+/// Callers that share bakes and assets, apart from all others: a show.
+#[derive(Debug, Default, PartialEq)]
+pub struct Project {
+    pub name: String,
+    /// Of all its callers together.
+    pub limits: CallerLimits,
 }
 
 /// Permissions of a caller.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CallerRole {
-    /// Bakes, sees all bakes, and ends or deletes its own.
+    /// Bakes, sees all bakes of its project, and ends or deletes its own.
     #[default]
     Artist,
-    /// Ends and deletes all bakes, and may give its own bakes priority over others.
+    /// Ends and deletes all bakes of its project, and may give its own bakes priority over others. Without a project,
+    /// it is one of all projects.
     Operator,
     /// Without a file of callers: an operator who leaves a bake to others that want it, too.
     #[serde(skip)]
     Anybody,
 }
 
-/// Limits of one caller; `None`: only the server's own limits.
+/// Limits of one caller or project; `None`: only the server's own limits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CallerLimits {
     /// Running bakes.
@@ -51,7 +62,17 @@ pub struct CallerLimits {
 impl Caller {
     /// Anybody, without limits.
     pub fn named(name: &str) -> Caller {
-        Caller { name: name.into(), role: CallerRole::Anybody, limits: CallerLimits::default() }
+        Caller { name: name.into(), role: CallerRole::Anybody, limits: CallerLimits::default(), project: None }
+    }
+
+    /// The name of its project; empty without one.
+    pub fn project(&self) -> &str {
+        self.project.as_ref().map_or("", |project| &project.name)
+    }
+
+    /// Whether it sees what belongs to a project, or to none.
+    pub fn sees(&self, project: &str) -> bool {
+        self.project() == project || self.project.is_none() && self.is_operator()
     }
 
     /// Whether it may end and delete the bakes of all.
@@ -73,6 +94,17 @@ pub const LAST_PRIORITY: i32 = 100;
 #[serde(deny_unknown_fields)]
 struct CallersFile {
     caller: Vec<CallerEntry>,
+    #[serde(default)]
+    project: Vec<ProjectEntry>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ProjectEntry {
+    name: String,
+    bakes: Option<usize>,
+    queue: Option<usize>,
+    store_mib: Option<u64>,
 }
 
 #[derive(Deserialize)]
@@ -86,6 +118,8 @@ struct CallerEntry {
     certificate: String,
     #[serde(default)]
     role: CallerRole,
+    #[serde(default)]
+    project: String,
     bakes: Option<usize>,
     queue: Option<usize>,
     store_mib: Option<u64>,
@@ -162,6 +196,14 @@ fn known(file: &str, text: &str) -> Result<Vec<KnownCaller>, Vec<Problem>> {
         vec![Problem::new(format!("{file}:{line}"), error.message(), "See examples/guide/server.md for its form.")]
     })?;
     let mut problems = Vec::new();
+    let mut projects = BTreeMap::new();
+    for ProjectEntry { name, bakes, queue, store_mib } in parsed.project {
+        let project = Project { name: name.clone(), limits: limits(bakes, queue, store_mib) };
+        if name.is_empty() || projects.insert(name.clone(), Arc::new(project)).is_some() {
+            let what = format!("project `{name}`: the name is empty or used twice");
+            problems.push(Problem::new(file, what, "Give each project a name of its own."));
+        }
+    }
     let (mut names, mut keys) = (BTreeSet::new(), BTreeSet::new());
     for entry in &parsed.caller {
         let mut wrong = |what: &str, remedy: &str| {
@@ -172,6 +214,10 @@ fn known(file: &str, text: &str) -> Result<Vec<KnownCaller>, Vec<Problem>> {
         }
         if entry.token.is_empty() && entry.certificate.is_empty() {
             wrong("it has neither a token nor a certificate", "Give it one of them.");
+        }
+        if !entry.project.is_empty() && !projects.contains_key(&entry.project) {
+            let what = format!("there is no project `{}`", entry.project);
+            wrong(&what, "Add a [[project]] of this name, or correct it.");
         }
         for key in [("token", &entry.token), ("certificate", &entry.certificate)] {
             if !key.1.is_empty() && !keys.insert(key) {
@@ -188,14 +234,15 @@ fn known(file: &str, text: &str) -> Result<Vec<KnownCaller>, Vec<Problem>> {
         caller: Caller {
             name: entry.name.into(),
             role: entry.role,
-            limits: CallerLimits {
-                bakes: entry.bakes,
-                queue: entry.queue,
-                bytes: entry.store_mib.map(|mib| mib.saturating_mul(1 << 20)),
-            },
+            limits: limits(entry.bakes, entry.queue, entry.store_mib),
+            project: projects.get(&entry.project).cloned(),
         },
     };
     if problems.is_empty() { Ok(parsed.caller.into_iter().map(known).collect()) } else { Err(problems) }
+}
+
+fn limits(bakes: Option<usize>, queue: Option<usize>, store_mib: Option<u64>) -> CallerLimits {
+    CallerLimits { bakes, queue, bytes: store_mib.map(|mib| mib.saturating_mul(1 << 20)) }
 }
 
 /// Accepts a call and adds its caller to its extensions, or refuses it.
@@ -203,13 +250,13 @@ fn known(file: &str, text: &str) -> Result<Vec<KnownCaller>, Vec<Problem>> {
 pub fn check(mut request: Request<()>, access: &watch::Receiver<Access>) -> Result<Request<()>, Status> {
     match access.borrow().admit(&request) {
         Some(caller) => {
-            audit::caller(request.extensions(), &caller.name);
+            audit::caller(request.extensions(), &caller.name, caller.project());
             request.extensions_mut().insert(caller);
         }
         None => {
             metrics::counter!("cairn_calls_refused_total", "reason" => "token").increment(1);
             let origin = origin(&request);
-            audit::caller(request.extensions(), &origin);
+            audit::caller(request.extensions(), &origin, "");
             warn!(caller = origin, "refused a call with a missing or wrong token");
             return Err(Fault::TokenInvalid.into());
         }

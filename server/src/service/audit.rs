@@ -47,13 +47,17 @@ impl OpenCalls {
 #[derive(Default)]
 struct CallDetails {
     caller: OnceLock<String>,
+    project: OnceLock<String>,
     bake: OnceLock<String>,
 }
 
-/// Records the caller.
-pub fn caller(call: &http::Extensions, name: &str) {
+/// Records the caller and its project; an empty one is none.
+pub fn caller(call: &http::Extensions, name: &str, project: &str) {
     if let Some(known) = call.get::<Arc<CallDetails>>() {
         let _ = known.caller.set(name.to_owned());
+        if !project.is_empty() {
+            let _ = known.project.set(project.to_owned());
+        }
     }
 }
 
@@ -88,10 +92,11 @@ impl Drop for Call {
     fn drop(&mut self) {
         const CANCELLED: &str = "1";
         self.open.0.send_modify(|count| *count -= 1);
-        let CallDetails { caller, bake } = &*self.known;
+        let CallDetails { caller, project, bake } = &*self.known;
         info!(
             target: "cairn::audit",
             caller = caller.get().map_or("", String::as_str),
+            project = project.get().map(String::as_str),
             call = self.name,
             status = self.status.as_deref().unwrap_or(CANCELLED),
             bake = bake.get().map(String::as_str),

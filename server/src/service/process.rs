@@ -3,9 +3,9 @@
 
 use crate::failpoints;
 use crate::files::plain_reason;
-use crate::model::export::Format;
 use crate::service::config::Config;
 use crate::service::event_log::codec;
+use crate::service::folder::ResultKind;
 use crate::service::status::Fault;
 use crate::service::store::CACHE;
 use crate::service::worker_message::{Envelope, WorkerMessage};
@@ -21,14 +21,14 @@ use tokio_stream::StreamExt;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 /// The task of a worker.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 pub enum WorkerTask {
     Plan,
     /// A plan without estimates, made before a bake.
     Accept,
     Bake,
-    /// A finished bake's result in a further format.
-    Export(Format),
+    /// A finished bake's result in a further format or layout.
+    Export(ResultKind),
 }
 
 /// A running worker. Dropping it kills the process.
@@ -44,13 +44,13 @@ pub struct Worker {
 
 impl Worker {
     pub fn start(config: &Config, task: WorkerTask, folder: &Path) -> std::result::Result<Worker, Fault> {
-        Worker::spawn(config, task, folder).map_err(|error| {
+        Worker::spawn(config, &task, folder).map_err(|error| {
             tracing::error!(%error, "a worker process could not be started");
             Fault::BakeNotStarted(plain_reason(&error))
         })
     }
 
-    fn spawn(config: &Config, task: WorkerTask, folder: &Path) -> Result<Worker> {
+    fn spawn(config: &Config, task: &WorkerTask, folder: &Path) -> Result<Worker> {
         let program = match &config.worker_program {
             Some(program) => program.clone(),
             // Stays this version even if another one is installed in its place.
@@ -65,8 +65,9 @@ impl Worker {
             WorkerTask::Export(_) => "export",
         });
         command.arg(folder);
-        if let WorkerTask::Export(format) = task {
-            command.arg("--format").arg(format.extension());
+        if let WorkerTask::Export(kind) = task {
+            command.arg("--format").arg(kind.format.extension());
+            command.args(kind.layout.iter().flat_map(|layout| ["--layout", layout]));
         }
         if let Some(bytes) = config.bake_memory() {
             command.arg("--memory").arg(bytes.to_string());

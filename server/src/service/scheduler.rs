@@ -1,6 +1,6 @@
 //! The order in which waiting bakes start: by priority, then by the number of running bakes of their caller, fewest
-//! first, so that nobody holds all workers while others wait, then by age. A caller's own limit of running bakes is
-//! kept.
+//! first, so that nobody holds all workers while others wait, then by age. The limits of running bakes of a caller and
+//! of its project are kept.
 
 use crate::service::access::Caller;
 use std::cmp::Reverse;
@@ -18,6 +18,8 @@ struct SchedulerState {
     free: usize,
     /// Running bakes of each caller that has any.
     running: BTreeMap<Arc<str>, usize>,
+    /// And of each project.
+    of_projects: BTreeMap<String, usize>,
     waiting: BTreeMap<QueuePosition, Caller>,
     next: u64,
 }
@@ -28,7 +30,7 @@ type QueuePosition = (Reverse<i32>, u64);
 /// The right to run one bake, until it is dropped.
 pub struct Slot {
     scheduler: Arc<Scheduler>,
-    caller: Arc<str>,
+    caller: Caller,
 }
 
 /// An entry in the queue, until it is dropped.
@@ -39,7 +41,8 @@ struct Waiting<'a> {
 
 impl Scheduler {
     pub fn new(count: usize) -> Arc<Scheduler> {
-        let state = SchedulerState { free: count, running: BTreeMap::new(), waiting: BTreeMap::new(), next: 0 };
+        let (running, of_projects, waiting) = Default::default();
+        let state = SchedulerState { free: count, running, of_projects, waiting, next: 0 };
         Arc::new(Scheduler { state: Mutex::new(state), changed: Notify::new() })
     }
 
@@ -63,7 +66,7 @@ impl Scheduler {
             changed.as_mut().enable();
             if self.state().begin(position) {
                 drop(waiting);
-                return Slot { scheduler: self.clone(), caller: caller.name.clone() };
+                return Slot { scheduler: self.clone(), caller: caller.clone() };
             }
             changed.await;
         }
@@ -74,7 +77,12 @@ impl SchedulerState {
     /// Takes a slot if this position is the first of those that may run. Returns whether it did.
     fn begin(&mut self, position: QueuePosition) -> bool {
         let running = |caller: &Caller| self.running.get(&caller.name).copied().unwrap_or(0);
-        let may_run = |caller: &Caller| caller.limits.bakes.is_none_or(|most| running(caller) < most.max(1));
+        let of_project = |caller: &Caller| self.of_projects.get(caller.project()).copied().unwrap_or(0);
+        let may_run = |caller: &Caller| {
+            let most_of_project = caller.project.as_ref().and_then(|project| project.limits.bakes);
+            caller.limits.bakes.is_none_or(|most| running(caller) < most.max(1))
+                && most_of_project.is_none_or(|most| of_project(caller) < most.max(1))
+        };
         let waiting = self.waiting.iter().filter(|(_, caller)| may_run(caller));
         let first = waiting.min_by_key(|((priority, age), caller)| (*priority, running(caller), *age));
         if self.free == 0 || first.map(|(position, _)| *position) != Some(position) {
@@ -82,6 +90,7 @@ impl SchedulerState {
         }
         self.free -= 1;
         if let Some(caller) = self.waiting.remove(&position) {
+            *self.of_projects.entry(caller.project().to_owned()).or_default() += 1;
             *self.running.entry(caller.name).or_default() += 1;
         }
         true
@@ -99,10 +108,14 @@ impl Drop for Slot {
     fn drop(&mut self) {
         let mut state = self.scheduler.state();
         state.free += 1;
-        if let Some(running) = state.running.get_mut(&self.caller) {
+        if let Some(running) = state.running.get_mut(&self.caller.name) {
+            *running -= 1;
+        }
+        if let Some(running) = state.of_projects.get_mut(self.caller.project()) {
             *running -= 1;
         }
         state.running.retain(|_, running| *running > 0);
+        state.of_projects.retain(|_, running| *running > 0);
         drop(state);
         self.scheduler.changed.notify_waiters();
     }

@@ -42,6 +42,7 @@ pub fn object(bake: &BakeStatus) -> Value {
         "format": Format::from_wire(bake.format()).extension(),
         "requested": time(bake.create_time),
         "owner": bake.owner,
+        "project": bake.project,
         "callers": callers,
         "priority": bake.priority,
         "seconds": seconds(bake),

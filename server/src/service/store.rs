@@ -16,7 +16,7 @@ use crate::failpoints;
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::model::export::{Format, SIDECAR_FOLDER};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, SPEC, head_name, report_name, result_name};
+use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
 use crate::service::worker_message::ResultHead;
 use crate::wire::digest::hex;
 use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
@@ -111,13 +111,23 @@ impl Store {
         self.root.join("bakes").join(id)
     }
 
-    fn asset(&self, sha256: &str) -> PathBuf {
-        self.root.join("assets").join(sha256)
+    /// An asset of a project, or of none. Who knows the hash of another project's asset does not have it by that.
+    fn asset(&self, sha256: &str, project: &str) -> PathBuf {
+        let assets = self.root.join("assets");
+        match project {
+            "" => assets.join(sha256),
+            _ => assets.join(format!("{sha256}-{}", blake3::hash(project.as_bytes()).to_hex())),
+        }
     }
 
-    /// Whether the store has an asset. Marks it as used.
-    pub fn has(&self, sha256: &str) -> bool {
-        touch(&self.asset(sha256)).is_ok()
+    /// Whether the store has an asset of a project. Marks it as used.
+    pub fn has(&self, sha256: &str, project: &str) -> bool {
+        touch(&self.asset(sha256, project)).is_ok()
+    }
+
+    /// Size of all that is kept of a bake.
+    pub fn bake_bytes(&self, id: &str) -> u64 {
+        Kept::of(self.folder(id)).map_or(0, |kept| kept.bytes)
     }
 
     pub fn upload(&self) -> Result<Upload> {
@@ -127,23 +137,23 @@ impl Store {
     }
 
     /// Stores an upload if its content has this hash. Returns whether it has.
-    pub fn keep(&self, upload: Upload, sha256: &str) -> Result<bool> {
+    pub fn keep(&self, upload: Upload, sha256: &str, project: &str) -> Result<bool> {
         if hex(&upload.hasher.finalize()) != sha256 {
             return Ok(false);
         }
         failpoints::at("upload-sync")?;
         upload.file.as_file().sync_all()?;
         failpoints::at("upload-rename")?;
-        upload.file.persist(self.asset(sha256))?;
+        upload.file.persist(self.asset(sha256, project))?;
         sync_folder(&self.root.join("assets"))?;
         Ok(true)
     }
 
     /// Creates an empty folder for a bake, with its request and those of its assets that the store has.
-    pub fn prepare(&self, id: &str, spec: &BakeSpec) -> Result<PathBuf> {
+    pub fn prepare(&self, id: &str, spec: &BakeSpec, project: &str) -> Result<PathBuf> {
         self.remove(id)?;
         let folder = self.folder(id);
-        self.fill(&folder, spec)?;
+        self.fill(&folder, spec, project)?;
         sync_folder(&self.root.join("bakes"))?;
         Ok(folder)
     }
@@ -171,7 +181,7 @@ impl Store {
         let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
         if !has(EVENTS, status.event_bytes) {
             Some("its events are truncated or missing".into())
-        } else if !Format::ALL.into_iter().any(|format| has(&result_name(format), result_bytes)) {
+        } else if !Format::ALL.into_iter().any(|format| has(&ResultKind::of(format).result_name(), result_bytes)) {
             Some("its result is truncated or missing".into())
         } else {
             None
@@ -179,17 +189,17 @@ impl Store {
     }
 
     /// A temporary folder for a plan.
-    pub fn prepare_plan(&self, spec: &BakeSpec) -> Result<TempDir> {
+    pub fn prepare_plan(&self, spec: &BakeSpec, project: &str) -> Result<TempDir> {
         let folder = TempDir::new_in(self.root.join("partial"))?;
-        self.fill(folder.path(), spec)?;
+        self.fill(folder.path(), spec, project)?;
         Ok(folder)
     }
 
-    fn fill(&self, folder: &Path, spec: &BakeSpec) -> Result<()> {
+    fn fill(&self, folder: &Path, spec: &BakeSpec, project: &str) -> Result<()> {
         failpoints::at("store-folder")?;
         fs::create_dir_all(folder.join(ASSETS))?;
         for asset in &spec.assets {
-            let from = self.asset(&asset.sha256);
+            let from = self.asset(&asset.sha256, project);
             failpoints::at("store-link")?;
             match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
                 Ok(()) => touch(&from)?,
@@ -205,13 +215,30 @@ impl Store {
         write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
     }
 
-    /// What describes a bake's result in a format, if it was made.
-    pub fn head(&self, id: &str, format: Format) -> Result<Option<ResultHead>> {
-        match fs::read(self.folder(id).join(head_name(format))) {
+    /// What describes a bake's result, if it was made.
+    pub fn head(&self, id: &str, kind: &ResultKind) -> Result<Option<ResultHead>> {
+        match fs::read(self.folder(id).join(kind.head_name())) {
             Ok(bytes) => Ok(ResultHead::decode(&bytes[..]).ok()),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
+    }
+
+    /// Keeps a layout of a bake's results in USD. `false`: it has too many of them.
+    pub fn keep_layout(&self, id: &str, layout: &str, request: &[u8]) -> Result<bool> {
+        /// Each may have three results.
+        const MOST: usize = 32;
+        let (folder, name) = (self.folder(id), layout_name(layout));
+        if folder.join(&name).is_file() {
+            return Ok(true);
+        }
+        let (first, last) = name.split_once(layout).unwrap_or_default();
+        let known = fs::read_dir(&folder)?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+        if known.filter(|known| known.starts_with(first) && known.ends_with(last)).count() >= MOST {
+            return Ok(false);
+        }
+        write_atomically(&folder.join(name), request)?;
+        Ok(true)
     }
 
     /// Removes the files that an ended bake no longer needs: temporary files, and of one without a result assets and
@@ -223,7 +250,14 @@ impl Store {
             for name in [ASSETS, SIDECAR_FOLDER] {
                 let _ = fs::remove_dir_all(folder.join(name));
             }
-            let of_format = |format| [result_name(format), report_name(format), head_name(format)];
+            let of_format = |format| {
+                let kind = ResultKind::of(format);
+                [kind.result_name(), kind.report_name(), kind.head_name()]
+            };
+            let files = fs::read_dir(&folder).into_iter().flatten().flatten();
+            for file in files.filter(|file| is_laid_out(&file.file_name().to_string_lossy())) {
+                let _ = fs::remove_file(file.path());
+            }
             for name in Format::ALL.into_iter().flat_map(of_format).chain([REPORT.to_owned(), PILE.to_owned()]) {
                 let _ = fs::remove_file(folder.join(name));
             }
@@ -340,18 +374,20 @@ fn is_shared(_: &fs::Metadata) -> bool {
     false
 }
 
-/// Whether a file has a name like assets and bakes. File managers and network drives put other files here.
-fn is_digest(path: &Path) -> bool {
-    let is_hex = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
-    path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex)
+/// Whether a file's name is of hashes, as those of assets and bakes are. File managers and network drives put other
+/// files here.
+fn has_hashes(path: &Path, most: usize) -> bool {
+    let is_hash = |name: &str| name.len() == 64 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
+    let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+    name.split('-').count() <= most && name.split('-').all(is_hash)
 }
 
 fn is_asset(path: &Path) -> bool {
-    is_digest(path) && path.is_file()
+    has_hashes(path, 2) && path.is_file()
 }
 
 fn is_bake(path: &Path) -> bool {
-    is_digest(path) && path.is_dir()
+    has_hashes(path, 1) && path.is_dir()
 }
 
 /// An asset or a bake, with the values that decide its removal.
@@ -392,7 +428,7 @@ mod tests {
 
     fn bake(store: &Store, name: &str, bytes: usize, age: u64) {
         let id = &id(name);
-        let folder = store.prepare(id, &BakeSpec::default()).unwrap();
+        let folder = store.prepare(id, &BakeSpec::default(), "").unwrap();
         fs::write(folder.join("result.glb"), vec![0; bytes]).unwrap();
         let mut status = BakeStatus { bake_id: id.clone(), ..Default::default() };
         status.set_state(BakeState::Succeeded);
@@ -433,11 +469,12 @@ mod tests {
         let mut upload = store.upload().unwrap();
         upload.write(b"a prop").unwrap();
         let sha256 = hex(&Sha256::digest(b"a prop"));
-        assert!(store.keep(upload, &sha256).unwrap() && store.has(&sha256));
+        assert!(store.keep(upload, &sha256, "").unwrap() && store.has(&sha256, ""));
+        assert!(!store.has(&sha256, "another project"));
         let asset = crate::wire::proto::AssetReference { uri: "prop.glb".into(), sha256: sha256.clone() };
-        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }).unwrap();
+        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }, "").unwrap();
         store.trim(|_| Ok(false)).unwrap();
-        assert!(!store.has(&sha256));
+        assert!(!store.has(&sha256, ""));
         assert_eq!(fs::read(bake.join(ASSETS).join(sha256)).unwrap(), b"a prop");
         assert!(Store::open(&config).is_err(), "one server at a time");
     }

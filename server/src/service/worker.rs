@@ -10,7 +10,7 @@ use crate::model::export::{Encoded, ExportError, Format};
 use crate::problem::{Cause, Problem};
 use crate::scene_file::SceneTree;
 use crate::service::event_log::{self, LogWriter};
-use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, SCENE, SPEC, head_name, report_name, result_name};
+use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, ResultKind, SCENE, SPEC, layout_name};
 use crate::service::status::DISK_FULL;
 use crate::service::worker_message::{Envelope, Invalid, ResultHead, WorkerMessage};
 use crate::wire::digest::hex;
@@ -58,6 +58,10 @@ fn failed(error: JobError, notes: &[String]) -> WorkerError {
     let mut fields: Vec<_> = problems.iter().map(to_proto::field_problem).collect();
     fields.extend(to_proto::notes(notes));
     invalid_fields(fields, false)
+}
+
+fn invalid(problems: &[Problem]) -> WorkerError {
+    invalid_fields(problems.iter().map(to_proto::field_problem).collect(), false)
 }
 
 /// Keeps a readable number of problems: a scene may have 100,000.
@@ -119,17 +123,17 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
         Progress { stage: Stage::Shape, fraction: 0.0, bodies: 0, released: 0, at_rest: 0, nails: 0, frames: 0 };
     send(WorkerMessage::Progress(to_proto::progress(&begun, None)));
     let (spec, job) = read(folder)?;
-    let format = Format::from_wire(spec.format());
-    let name = result_name(format);
+    let kind = ResultKind::of(Format::from_wire(spec.format()));
+    let name = kind.result_name();
     let mut watcher = Watcher::new(LogWriter::resume(&folder.join(EVENTS))?);
-    let done = job.run(format, &name, cache, &mut watcher);
+    let done = job.run(kind.format, &name, cache, &mut watcher);
     if let Some(error) = watcher.failed {
         return Err(error.into());
     }
     let done = done.map_err(|error| failed(error, &job.notes))?;
     let pile = postcard::to_stdvec(&done.bake).map_err(|error| WorkerError::Internal(error.to_string()))?;
     files::write_atomically(&folder.join(PILE), &pile)?;
-    write(folder, format, &done.result, REPORT, &done.report)?;
+    write(folder, &kind, &done.result, REPORT, &done.report)?;
     let summary = summary(&done);
     watcher.log.append(Kind::Summary(summary.clone()))?;
     send(WorkerMessage::Logged(watcher.log.sync()?));
@@ -137,17 +141,24 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
     Ok(())
 }
 
-/// Makes the result of a finished bake in a further format, with a report of its own.
-pub fn export(folder: &Path, format: &str) -> Result<(), WorkerError> {
+/// Makes the result of a finished bake in a further format or layout, with a report of its own.
+pub fn export(folder: &Path, format: &str, layout: Option<&str>) -> Result<(), WorkerError> {
     let format = Format::from_extension(format).ok_or_else(|| WorkerError::Internal("no such format".into()))?;
-    let (_, job) = read(folder)?;
+    let kind = ResultKind { format, layout: layout.map(str::to_owned) };
+    let (_, mut job) = read(folder)?;
+    if let Some(layout) = layout {
+        let asked = proto::DownloadResultRequest::decode(&std::fs::read(folder.join(layout_name(layout)))?[..])
+            .map_err(|error| WorkerError::Internal(error.to_string()))?;
+        let laid_out = job.laid_out(asked.usd.as_ref()).map_err(|problems| invalid(&problems))?;
+        job = laid_out.referred_from(&asked.asset_folder);
+    }
     let bake: Bake = postcard::from_bytes(&read_file(&folder.join(PILE))?)
         .map_err(|error| WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string()))))?;
     let result = job.encode(format, &bake).map_err(|error| failed(error.into(), &job.notes))?;
     let first = std::fs::read_to_string(folder.join(REPORT))?;
-    let report = job::report::of_format(&first, &result_name(format), &result, &job.notes)
+    let report = job::report::of_format(&first, &kind.result_name(), &result, &job.notes)
         .map_err(|error| WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string()))))?;
-    let head = write(folder, format, &result, &report_name(format), &report)?;
+    let head = write(folder, &kind, &result, &kind.report_name(), &report)?;
     send(WorkerMessage::Exported(head));
     Ok(())
 }
@@ -155,7 +166,7 @@ pub fn export(folder: &Path, format: &str) -> Result<(), WorkerError> {
 /// Writes a result, the files beside it, its report, and last what describes them.
 fn write(
     folder: &Path,
-    format: Format,
+    kind: &ResultKind,
     result: &Encoded,
     report_name: &str,
     report: &str,
@@ -179,11 +190,11 @@ fn write(
         },
         report: head(report.as_bytes()),
     };
-    let path = folder.join(result_name(format));
+    let path = folder.join(kind.result_name());
     files::write_atomically(&folder.join(report_name), report.as_bytes())?;
     result.write_sidecars(&path)?;
     files::write_atomically(&path, &result.bytes)?;
-    files::write_atomically(&folder.join(head_name(format)), &head.encode_to_vec())?;
+    files::write_atomically(&folder.join(kind.head_name()), &head.encode_to_vec())?;
     Ok(head)
 }
 
@@ -197,7 +208,7 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
         .collect();
     let uploads = Arc::new(Uploads::of(folder, &spec));
     let Refused { problems, notes } = match Job::read_with(&scene, uploads, cairn_core::asset::Limits::default()) {
-        Ok(job) if missing.is_empty() => return Ok((spec, job)),
+        Ok(job) if missing.is_empty() => return Ok((spec, job.referred_from(""))),
         Ok(_) => Refused { problems: Vec::new(), notes: Vec::new() },
         Err(refused) => refused,
     };

@@ -1,7 +1,7 @@
 //! Reads the results of a folder, and ranks them by the figures of their reports.
 
 use crate::files;
-use crate::job::report::ReportFile;
+use crate::job::{self, report::ReportFile};
 use crate::model::export::{self, Format};
 use crate::problem::{Problem, nearest};
 use std::borrow::Cow;
@@ -94,7 +94,7 @@ fn candidate(folder: &Path, name: &str, report: &str) -> Result<Candidate, Probl
             continue;
         }
         let beside = |relative: &str| {
-            let path = files::beside(folder, relative).ok_or("it leads elsewhere")?;
+            let path = job::place(folder, relative).ok_or("it leads elsewhere")?;
             std::fs::read(path).map_err(|error| error.to_string())
         };
         let read = export::as_gltf(&bytes, &beside).map(Cow::into_owned);

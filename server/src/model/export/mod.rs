@@ -37,6 +37,8 @@ pub struct ExportScene<'a> {
     /// A `.glb` keeps EXT_mesh_gpu_instancing where a prop has it. Otherwise each copy is a node, which every program
     /// shows.
     pub keeps_instancing: bool,
+    /// Of a result in USD.
+    pub layout: Layout,
 }
 
 /// Figures by name, as in the report.
@@ -91,6 +93,18 @@ pub struct SourceModel<'a> {
     pub node: Option<&'a str>,
     /// Reads the file's external buffers and images.
     pub resolve: &'a Resolver<'a>,
+    /// The asset that it was read from, to which a result in USD refers.
+    pub asset: Option<UsdAsset<'a>>,
+}
+
+/// Prims of a file of USD, which show a model.
+#[derive(Clone, Copy)]
+pub struct UsdAsset<'a> {
+    /// From the result's folder.
+    pub path: &'a str,
+    pub prims: &'a [PartPrim],
+    /// A reference to the file without a prim takes it.
+    pub is_default: bool,
 }
 
 /// The format of a result. A new one needs a row in [`Format::row`], a place in [`Format::ALL`], and a value of
@@ -206,6 +220,10 @@ impl Format {
         self.row().states_origin
     }
 
+    pub fn is_usd(self) -> bool {
+        matches!(self, Format::Usdc | Format::Usda | Format::Usdz)
+    }
+
     pub fn is_single_file(self) -> bool {
         self.row().is_single_file
     }
@@ -309,6 +327,9 @@ pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
         Err(_) => usd::read_origin(result),
     }
 }
+
+pub use usd::layout::{Layout, is_asset_folder};
+pub use usd::{ConvertedStage, PartChoice, PartPrim, StagePart, convert as convert_usd};
 
 /// A file as glTF has it: one of USD's formats as a `.glb` of what it shows, any other as it is.
 pub fn as_gltf<'a>(bytes: &'a [u8], resolve: &Resolver) -> Result<Cow<'a, [u8]>, String> {

@@ -9,7 +9,7 @@ use crate::service::access::{Caller, caller};
 use crate::service::audit;
 use crate::service::config::MAX_CHUNK;
 use crate::service::deadline;
-use crate::service::folder::{REPORT, SCENE, report_name, result_name};
+use crate::service::folder::{REPORT, ResultKind, SCENE};
 use crate::service::jobs::{Bakes, Entry};
 use crate::service::quotas::{Permit, Quota};
 use crate::service::status::Fault;
@@ -110,11 +110,12 @@ impl PileService for Service {
     }
 
     async fn have_assets(&self, request: Request<HaveAssetsRequest>) -> Result<Response<HaveAssetsResponse>, Status> {
+        let caller = caller(&request);
         let HaveAssetsRequest { sha256 } = request.into_inner();
         request::check_digests("sha256", &sha256)?;
         let bakes = self.bakes.clone();
-        let missing_sha256 =
-            on_disk(move || sha256.into_iter().filter(|sha256| !bakes.store.has(sha256)).collect()).await?;
+        let is_missing = move |sha256: &String| !bakes.store.has(sha256, caller.project());
+        let missing_sha256 = on_disk(move || sha256.into_iter().filter(is_missing).collect()).await?;
         Ok(Response::new(HaveAssetsResponse { missing_sha256 }))
     }
 
@@ -123,7 +124,8 @@ impl PileService for Service {
         request: Request<Streaming<UploadAssetRequest>>,
     ) -> Result<Response<UploadAssetResponse>, Status> {
         self.bakes.accepts_work()?;
-        let _permit = self.upload_quota.try_acquire(&caller(&request)).ok_or(Fault::TooManyCalls)?;
+        let caller = caller(&request);
+        let _permit = self.upload_quota.try_acquire(&caller).ok_or(Fault::TooManyCalls)?;
         let began = Instant::now();
         let mut chunks = request.into_inner();
         let most = self.bakes.config.asset_bytes();
@@ -155,7 +157,7 @@ impl PileService for Service {
             return Err(Fault::AssetCorrupt(what).into());
         }
         let (bakes, sha256) = (self.bakes.clone(), header.sha256.clone());
-        if !on_disk(move || bakes.store.keep(upload, &sha256)).await?.map_err(Fault::from)? {
+        if !on_disk(move || bakes.store.keep(upload, &sha256, caller.project())).await?.map_err(Fault::from)? {
             return Err(Fault::AssetCorrupt("the content does not match the announced SHA-256".into()).into());
         }
         self.bakes.request_trim();
@@ -234,7 +236,7 @@ impl PileService for Service {
     async fn watch_bake(&self, request: Request<WatchBakeRequest>) -> Result<Response<Self::WatchBakeStream>, Status> {
         let deadline = deadline::of(request.metadata());
         audit::bake(request.extensions(), &request.get_ref().bake_id);
-        let permit = self.stream_permit(&request)?;
+        let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
         let WatchBakeRequest { bake_id, from_sequence_number: from, frames } = request.into_inner();
         if from < 0 {
             return Err(Fault::field(
@@ -243,7 +245,7 @@ impl PileService for Service {
             )
             .into());
         }
-        let entry = self.bakes.find(&bake_id)?;
+        let entry = self.bakes.find(&caller, &bake_id)?;
         self.bakes.store.touch(&entry.id());
         let follow = Follow { from, frames: request::frames(frames)?, deadline };
         let events = follow.start(&self.bakes, entry, permit);
@@ -252,14 +254,14 @@ impl PileService for Service {
 
     async fn get_bake(&self, request: Request<GetBakeRequest>) -> Result<Response<GetBakeResponse>, Status> {
         audit::bake(request.extensions(), &request.get_ref().bake_id);
-        let entry = self.bakes.find(&request.get_ref().bake_id)?;
+        let entry = self.bakes.find(&caller(&request), &request.get_ref().bake_id)?;
         let bakes = self.bakes.clone();
         let bake = Some(on_disk(move || bakes.status(&entry)).await??);
         Ok(Response::new(GetBakeResponse { bake }))
     }
 
     async fn list_bakes(&self, request: Request<ListBakesRequest>) -> Result<Response<ListBakesResponse>, Status> {
-        Ok(Response::new(request::page(self.bakes.list(), request.get_ref())?))
+        Ok(Response::new(request::page(self.bakes.seen(&caller(&request)), request.get_ref())?))
     }
 
     async fn cancel_bake(&self, request: Request<CancelBakeRequest>) -> Result<Response<CancelBakeResponse>, Status> {
@@ -282,8 +284,8 @@ impl PileService for Service {
     ) -> Result<Response<Self::DownloadResultStream>, Status> {
         audit::bake(request.extensions(), &request.get_ref().bake_id);
         let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
-        let DownloadResultRequest { bake_id, artifact, format, file } = request.into_inner();
-        let entry = self.bakes.find(&bake_id)?;
+        let DownloadResultRequest { bake_id, artifact, format, file, usd, asset_folder } = request.into_inner();
+        let entry = self.bakes.find(&caller, &bake_id)?;
         let Ok(artifact) = Artifact::try_from(artifact) else {
             return Err(Fault::field("artifact", format!("there is no artifact {artifact}")).into());
         };
@@ -298,11 +300,13 @@ impl PileService for Service {
         self.bakes.store.touch(&entry.id());
         let own = Format::from_wire(status.format());
         let format = if format == OutputFormat::Unspecified { own } else { Format::from_wire(format) };
+        let (bakes, of) = (self.bakes.clone(), entry.clone());
+        let kind = on_disk(move || bakes.result_kind(&of, format, usd, asset_folder)).await??;
         let (name, first) = match artifact {
             Artifact::Unspecified | Artifact::Result => {
-                let head = self.bakes.result(&caller, &entry, format).await?.result;
+                let head = self.bakes.result(&caller, &entry, &kind).await?.result;
                 match head.files.iter().find(|beside| beside.name == file) {
-                    _ if file.is_empty() => (result_name(format), head),
+                    _ if file.is_empty() => (kind.result_name(), head),
                     Some(beside) => {
                         let sha256 = beside.sha256.clone();
                         (beside.name.clone(), DownloadResultResponse { sha256, ..Default::default() })
@@ -314,8 +318,8 @@ impl PileService for Service {
                 }
             }
             Artifact::Report => {
-                let name = if format == own { REPORT.to_owned() } else { report_name(format) };
-                (name, self.bakes.result(&caller, &entry, format).await?.report)
+                let name = if kind == ResultKind::of(own) { REPORT.to_owned() } else { kind.report_name() };
+                (name, self.bakes.result(&caller, &entry, &kind).await?.report)
             }
             Artifact::Scene => (SCENE.to_owned(), DownloadResultResponse::default()),
         };

@@ -79,10 +79,10 @@ impl Follow {
     ) -> Result<(), Status> {
         // A bake may be deleted at any time.
         let gone = || Fault::BakeNotFound(entry.id());
-        let damaged = |error: std::io::Error| match bakes.find(&entry.id()) {
-            Ok(_) if no_more_files(&error) => Fault::from(error),
-            Ok(_) => bakes.mark_damaged(entry, format!("its events cannot be read ({})", plain_reason(&error))),
-            Err(_) => gone(),
+        let damaged = |error: std::io::Error| match bakes.knows(&entry.id()) {
+            true if no_more_files(&error) => Fault::from(error),
+            true => bakes.mark_damaged(entry, format!("its events cannot be read ({})", plain_reason(&error))),
+            false => gone(),
         };
         let mut reader = LogReader::open(log).await.map_err(damaged)?;
         let mut watch = entry.watch();

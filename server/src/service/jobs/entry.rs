@@ -28,6 +28,8 @@ pub struct EntryState {
     pub status: BakeStatus,
     /// Size of the result of a bake that has succeeded.
     pub(super) result_bytes: i64,
+    /// Size of all that is kept of a bake that has ended: events, pile, and results of all formats.
+    pub(super) stored_bytes: u64,
     /// Readable bytes of the event log.
     pub log_bytes: u64,
     /// The request was accepted: the bake has an id, a folder and a log.
@@ -36,7 +38,12 @@ pub struct EntryState {
 
 impl EntryState {
     pub(super) fn of(status: BakeStatus) -> EntryState {
-        EntryState { status, result_bytes: 0, log_bytes: 0, accepted: false }
+        EntryState { status, result_bytes: 0, stored_bytes: 0, log_bytes: 0, accepted: false }
+    }
+
+    /// What it takes in the store.
+    pub(super) fn bytes(&self) -> u64 {
+        self.stored_bytes.max(self.status.event_bytes.unsigned_abs())
     }
 
     pub fn has_ended(&self) -> bool {

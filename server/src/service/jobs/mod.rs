@@ -7,11 +7,11 @@ mod entry;
 mod submission;
 mod task;
 
-use crate::model::export::Format;
+use crate::model::export::{Format, Layout, is_asset_folder};
 use crate::service::access::{Caller, CallerRole};
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
-use crate::service::folder::PILE;
+use crate::service::folder::{PILE, ResultKind};
 use crate::service::hook::Hook;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Quota;
@@ -19,9 +19,13 @@ use crate::service::scheduler::Scheduler;
 use crate::service::status::Fault;
 use crate::service::store::Store;
 use crate::service::worker_message::{ResultHead, WorkerMessage};
-use crate::wire::proto::{self, BakeSpec, BakeState, BakeStatus, DownloadResultResponse, Summary};
+use crate::wire::proto::{
+    self, BakeSpec, BakeState, BakeStatus, DownloadResultRequest, DownloadResultResponse, FieldProblem, Summary,
+    UsdLayout,
+};
 use crate::wire::versions::versions;
 pub use entry::{Entry, EntryState, ListPosition};
+use prost::Message;
 use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -115,8 +119,9 @@ impl Bakes {
             }
             let log_bytes = u64::try_from(status.event_bytes).unwrap_or(0);
             status.summary = None;
-            let entry =
-                Entry::new(EntryState { log_bytes, accepted: true, result_bytes, ..EntryState::of(status) }, None);
+            let stored_bytes = if resume { 0 } else { self.store.bake_bytes(&id) };
+            let state = EntryState { log_bytes, accepted: true, result_bytes, stored_bytes, ..EntryState::of(status) };
+            let entry = Entry::new(state, None);
             self.entries().insert(id.clone(), entry.clone());
             if resume {
                 info!(bake_id = %id, "resuming an unfinished bake");
@@ -134,7 +139,7 @@ impl Bakes {
         deadline: Option<Instant>,
     ) -> Result<Arc<Entry>, Fault> {
         let BakeSubmission { spec, labels, priority } = submission;
-        let id = bake_id(&spec);
+        let id = bake_id(&spec, caller.project());
         let mut entries = self.entries();
         if let Some(entry) = entries.get(&id) {
             self.check_files(entry);
@@ -164,6 +169,7 @@ impl Bakes {
             bake_id: id.clone(),
             create_time: Some(now()),
             owner: caller.name.to_string(),
+            project: caller.project().to_owned(),
             labels: labels.clone(),
             priority,
             ..Default::default()
@@ -239,30 +245,68 @@ impl Bakes {
         self.accepts_work()?;
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let folder = self.store.prepare_plan(&spec)?;
+        let folder = self.store.prepare_plan(&spec, caller.project())?;
         let mut worker = None;
         let accepted = self.run_plan(WorkerTask::Plan, folder.path(), &mut worker).await?;
         Ok(proto::PlanBakeResponse {
-            bake_id: bake_id(&spec),
+            bake_id: bake_id(&spec, caller.project()),
             plan: accepted.plan,
             effective_scene: accepted.effective_scene,
             has_parameters_only: accepted.has_parameters_only,
         })
     }
 
-    /// Describes a finished bake's result in a format. If it was not made before, a worker makes it now.
-    pub async fn result(&self, caller: &Caller, entry: &Entry, format: Format) -> Result<ResultHead, Fault> {
+    /// The result of a bake in a format, and in this layout if one is given that is not that of the bake's request.
+    pub fn result_kind(
+        &self,
+        entry: &Entry,
+        format: Format,
+        usd: Option<UsdLayout>,
+        asset_folder: String,
+    ) -> Result<ResultKind, Fault> {
+        let own = ResultKind::of(format);
+        if !format.is_usd() {
+            return Ok(own);
+        }
+        if let Err(problems) = usd.as_ref().map_or(Ok(Layout::default()), Layout::new) {
+            let fields = problems
+                .into_iter()
+                .map(|problem| FieldProblem { description: problem.to_string(), field: problem.field });
+            return Err(Fault::RequestInvalid(fields.collect()));
+        }
+        if !is_asset_folder(&asset_folder) {
+            return Err(Fault::field("asset_folder", "it cannot stand in an asset path; give a folder"));
+        }
+        let id = entry.id();
+        let asked = self.store.spec(&id)?.scene.and_then(|scene| scene.usd).unwrap_or_default();
+        let usd = usd.unwrap_or_else(|| asked.clone());
+        if asked == usd && asset_folder.is_empty() {
+            return Ok(own);
+        }
+        /// Digits that distinguish the few layouts of a bake.
+        const DIGITS: usize = 16;
+        let request = DownloadResultRequest { usd: Some(usd), asset_folder, ..Default::default() }.encode_to_vec();
+        let layout = blake3::hash(&request).to_hex()[..DIGITS].to_owned();
+        if !self.store.keep_layout(&id, &layout, &request)? {
+            let what = "results of this bake were laid out in too many ways; delete the bake and request it again";
+            return Err(Fault::field("usd", what));
+        }
+        Ok(ResultKind { format, layout: Some(layout) })
+    }
+
+    /// Describes a finished bake's result. If it was not made before, a worker makes it now.
+    pub async fn result(&self, caller: &Caller, entry: &Entry, kind: &ResultKind) -> Result<ResultHead, Fault> {
         /// A result is written in seconds; only a huge one takes longer.
         const LONGEST: Duration = Duration::from_secs(600);
         let _alone = entry.export.lock().await;
         let id = entry.id();
-        if let Some(head) = self.store.head(&id, format)? {
+        if let Some(head) = self.store.head(&id, kind)? {
             return Ok(head);
         }
         let status = self.status(entry)?;
         let folder = self.store.folder(&id);
         let own = Format::from_wire(status.format());
-        if own == format {
+        if ResultKind::of(own) == *kind {
             let Summary { result_bytes, result_sha256, report_sha256, .. } = status.summary.unwrap_or_default();
             // Its server did not describe it.
             return Ok(ResultHead {
@@ -275,16 +319,18 @@ impl Bakes {
             });
         }
         if !folder.join(PILE).is_file() {
-            let (own, wanted) = (own.extension(), format.extension());
+            let (own, wanted) = (own.extension(), kind.format.extension());
             let what =
                 format!("an earlier server made this bake: its result is .{own} alone; bake it again for .{wanted}");
             return Err(Fault::FormatUnavailable(what));
         }
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let mut worker = Worker::start(&self.config, WorkerTask::Export(format), &folder)?;
+        let mut worker = Worker::start(&self.config, WorkerTask::Export(kind.clone()), &folder)?;
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         self.request_trim();
+        let stored_bytes = self.store.bake_bytes(&id);
+        entry.state.send_modify(|now| now.stored_bytes = stored_bytes);
         match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
             Some(WorkerMessage::Exported(head)) => Ok(head),
             Some(WorkerMessage::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
@@ -316,8 +362,9 @@ impl Bakes {
         }
     }
 
-    /// An accepted bake, by its id or the beginning of it.
-    pub fn find(&self, id: &str) -> Result<Arc<Entry>, Fault> {
+    /// An accepted bake that a caller sees, by its id or the beginning of it. Those of other projects are as if there
+    /// were none.
+    pub fn find(&self, caller: &Caller, id: &str) -> Result<Arc<Entry>, Fault> {
         /// Digits of an id, and the fewest of them that a caller may name.
         const DIGITS: std::ops::RangeInclusive<usize> = 6..=64;
         let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
@@ -328,7 +375,8 @@ impl Bakes {
         }
         let entries = self.entries();
         let mut found = entries.range(id.to_owned()..).take_while(|(known, _)| known.starts_with(id));
-        let mut found = found.by_ref().filter(|(_, entry)| entry.state.borrow().accepted).map(|(_, entry)| entry);
+        let is_seen = |now: &EntryState| now.accepted && caller.sees(&now.status.project);
+        let mut found = found.by_ref().filter(|(_, entry)| is_seen(&entry.state.borrow())).map(|(_, entry)| entry);
         match (found.next(), found.next()) {
             (Some(entry), None) => Ok(entry.clone()),
             (Some(_), Some(_)) => {
@@ -338,8 +386,20 @@ impl Bakes {
         }
     }
 
+    /// Whether a bake is still there.
+    pub fn knows(&self, id: &str) -> bool {
+        self.entries().get(id).is_some_and(|entry| entry.state.borrow().accepted)
+    }
+
+    /// All accepted bakes that a caller sees, latest first.
+    pub fn seen(&self, caller: &Caller) -> Vec<Arc<Entry>> {
+        let mut list = self.list();
+        list.retain(|entry| caller.sees(&entry.state.borrow().status.project));
+        list
+    }
+
     /// All accepted bakes, latest first.
-    pub fn list(&self) -> Vec<Arc<Entry>> {
+    fn list(&self) -> Vec<Arc<Entry>> {
         let entries = self.entries();
         let mut list: Vec<_> = entries.values().filter(|entry| entry.state.borrow().accepted).cloned().collect();
         drop(entries);
@@ -350,7 +410,7 @@ impl Bakes {
     /// Withdraws a caller's interest in a bake. Without any left, or if an operator asks, the bake is cancelled; this
     /// waits for its end.
     pub async fn cancel(&self, caller: &Caller, id: &str) -> Result<BakeStatus, Fault> {
-        let entry = self.find(id)?;
+        let entry = self.find(caller, id)?;
         if self.withdraw(caller, &entry)? {
             entry.cancelled.cancel();
             entry.wait_ended().await;
@@ -381,7 +441,7 @@ impl Bakes {
 
     /// Cancels a bake and removes its files, unless others want it.
     pub async fn delete(&self, caller: &Caller, id: &str) -> Result<(), Fault> {
-        let entry = self.find(id)?;
+        let entry = self.find(caller, id)?;
         if self.withdraw(caller, &entry)? {
             entry.cancelled.cancel();
             entry.wait_ended().await;

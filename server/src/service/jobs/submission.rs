@@ -2,7 +2,7 @@
 
 use super::Entry;
 use crate::job::request;
-use crate::service::access::Caller;
+use crate::service::access::{Caller, CallerLimits};
 use crate::service::status::Fault;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
@@ -17,37 +17,50 @@ pub struct BakeSubmission {
     pub priority: i32,
 }
 
-/// Checks that a caller may have one more bake. `workers`: bakes that the server runs at the same time.
+/// Checks that a caller and its project may have one more bake. `workers`: bakes that the server runs at the same time.
 pub(super) fn within_limits<'a>(
     caller: &Caller,
     workers: usize,
     entries: impl Iterator<Item = &'a Arc<Entry>>,
 ) -> Result<(), Fault> {
-    let limits = caller.limits;
-    let (mut unfinished, mut bytes) = (0, 0);
+    let [mut own, mut of_project] = [(0, 0); 2];
     for entry in entries {
         let now = entry.state.borrow();
-        if now.status.owner == *caller.name {
-            unfinished += usize::from(!now.has_ended());
-            bytes += (now.status.event_bytes + now.result_bytes).unsigned_abs();
+        let add = |(unfinished, bytes): &mut (usize, u64)| {
+            *unfinished += usize::from(!now.has_ended());
+            *bytes += now.bytes();
+        };
+        if now.status.project == caller.project() {
+            add(&mut of_project);
+            if now.status.owner == *caller.name {
+                add(&mut own);
+            }
         }
     }
-    // Without a limit of running bakes, the caller may use all workers.
+    check(&caller.name, caller.limits, workers, own)?;
+    match &caller.project {
+        Some(project) => check(&format!("project {}", project.name), project.limits, workers, of_project),
+        None => Ok(()),
+    }
+}
+
+fn check(name: &str, limits: CallerLimits, workers: usize, (unfinished, bytes): (usize, u64)) -> Result<(), Fault> {
+    // Without a limit of running bakes, it may use all workers.
     let most = limits.queue.map(|queue| limits.bakes.unwrap_or(workers).max(1).saturating_add(queue));
     if let Some(most) = most.filter(|&most| unfinished >= most) {
-        let what =
-            format!("{} has {unfinished} running or waiting bakes of at most {most}: wait for one to end", caller.name);
+        let what = format!("{name} has {unfinished} running or waiting bakes of at most {most}: wait for one to end");
         return Err(Fault::CallerLimit(what));
     }
     if let Some(most) = limits.bytes.filter(|&most| bytes >= most) {
-        let what = format!("the bakes of {} take {bytes} bytes of at most {most}: delete some of them", caller.name);
+        let what = format!("the bakes of {name} take {bytes} bytes of at most {most}: delete some of them");
         return Err(Fault::CallerLimit(what));
     }
     Ok(())
 }
 
-/// The id of a bake: a hash of everything that its pile depends on.
-pub fn bake_id(spec: &BakeSpec) -> String {
+/// The id of a bake: a hash of everything that its pile depends on, and of the project, so that no project meets the
+/// bakes of another one.
+pub fn bake_id(spec: &BakeSpec, project: &str) -> String {
     let mut spec = spec.clone();
     spec.assets.sort_by(|a, b| a.uri.cmp(&b.uri));
     // An unset field and one set to its default give the same id.
@@ -56,5 +69,7 @@ pub fn bake_id(spec: &BakeSpec) -> String {
     {
         spec.scene = Some(effective(scene, &params));
     }
-    request::hash(&spec).to_hex().to_string()
+    let hash = request::hash(&spec);
+    let id = if project.is_empty() { hash } else { blake3::keyed_hash(hash.as_bytes(), project.as_bytes()) };
+    id.to_hex().to_string()
 }

@@ -2,7 +2,7 @@
 
 use super::{Bakes, Entry, EntryState, accepted_before, bake_id, now};
 use crate::failpoints;
-use crate::service::access::Caller;
+use crate::service::access::{Caller, Project};
 use crate::service::event_log::{Extent, LogWriter};
 use crate::service::folder::EVENTS;
 use crate::service::process::{Worker, WorkerTask};
@@ -87,7 +87,9 @@ impl Bakes {
             Some(new) => (new.caller.clone(), entry.state.borrow().status.priority),
             None => {
                 let now = entry.state.borrow();
-                (Caller::named(&now.status.owner), now.status.priority)
+                let project = Some(now.status.project.clone()).filter(|project| !project.is_empty());
+                let project = project.map(|name| Arc::new(Project { name, ..Project::default() }));
+                (Caller { project, ..Caller::named(&now.status.owner) }, now.status.priority)
             }
         };
         let (_permit, accepted) = match new {
@@ -100,7 +102,7 @@ impl Bakes {
                 let permit = self.bake_quota.acquire(&caller).await;
                 let accepted = match accepted_before(&folder.join(EVENTS)).await {
                     Some(accepted) => accepted,
-                    None => self.accept_again(&id, &folder, slot).await?,
+                    None => self.accept_again(&id, &folder, caller.project(), slot).await?,
                 };
                 (permit, accepted)
             }
@@ -143,15 +145,21 @@ impl Bakes {
         slot: &mut Option<Worker>,
     ) -> Result<Accepted, Fault> {
         let _planner = self.planner_quota.acquire(caller).await;
-        self.store.prepare(id, spec)?;
+        self.store.prepare(id, spec, caller.project())?;
         self.plan_in(id, folder, slot).await
     }
 
     /// Plans a bake that an earlier server had accepted and whose events are gone or of another version. Fails if this
     /// version would give the bake another id, and so another result.
-    async fn accept_again(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
+    async fn accept_again(
+        &self,
+        id: &str,
+        folder: &Path,
+        project: &str,
+        slot: &mut Option<Worker>,
+    ) -> Result<Accepted, Fault> {
         match self.store.spec(id) {
-            Ok(spec) if bake_id(&spec) == id => {
+            Ok(spec) if bake_id(&spec, project) == id => {
                 warn!("the events are damaged; planning the bake again");
                 self.plan_in(id, folder, slot).await
             }
@@ -237,6 +245,7 @@ impl Bakes {
             match self.store.write_status(&bake.status) {
                 Ok(()) => {
                     self.store.tidy(&bake.status);
+                    bake.stored_bytes = self.store.bake_bytes(&id);
                     bake.status.summary = None;
                 }
                 // Keep the assets: the next server will resume the bake.

@@ -24,6 +24,8 @@ pub fn write(layer: &mut Layer, pile: &Path, glue: &BakedGlue) {
         bounds.add(point - half);
         bounds.add(point + half);
     }
+    // Its points, normals and forces stay in metres and the pile's axes.
+    layer.transform(&prim, layer.layout.to_stage());
     layer.attribute(&prim, "uniform token purpose", Token::from("guide"));
     layer.attribute(&prim, "float3[] extent", bounds.extent());
     layer.attribute(&prim, "point3f[] points", points);

@@ -6,7 +6,9 @@ use super::super::{ExportError, ExportScene, tracks};
 use super::binary::SHORTEST_COMPRESSED;
 use super::bounding_box::BoundingBox;
 use super::layer::{short_name, vector};
+use super::layout::Layout;
 use super::model::UsdStage;
+use crate::wire::proto::UsdMotion;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
 use glam::{DAffine3, DQuat, DVec3};
@@ -24,6 +26,7 @@ pub fn write<'a>(
     bake: &BakedPile,
     scene: &'a ExportScene,
 ) -> Result<(), ExportError> {
+    let layout = stage.layer.layout.clone();
     let instancer = stage.layer.prim(pile, "Bodies", "PointInstancer");
     let (prototypes, bounds) = prototypes(stage, &instancer, bake, scene)?;
     let layer = &mut stage.layer;
@@ -33,29 +36,35 @@ pub fn write<'a>(
     layer.attribute(&instancer, "int[] protoIndices", indices);
     layer.attribute(&instancer, "int64[] ids", (0..bake.bodies.len() as i64).collect::<Vec<_>>());
 
-    let rotations = rotations(bake);
-    let moments = moments(bake, &rotations);
+    let rotations = rotations(bake, &layout);
+    let moments = moments(bake, &rotations, layout.motion);
+    let is_full = layout.motion == UsdMotion::Full;
     let at = |values: &dyn Fn(&Moment) -> Value| -> Samples {
         moments.iter().map(|moment| (moment.time, values(moment))).collect()
     };
     let points = |v: Vec<DVec3>| Value::Vec3fVec(v.into_iter().map(vector).collect());
-    let place = |frame: usize, body: usize| bake.pivot_pose(frame, body).translation;
+    let place = |frame: usize, body: usize| layout.place(bake.pivot_pose(frame, body).translation);
     let positions = at(&|m| points((0..bake.bodies.len()).map(|body| place(m.frame, body)).collect()));
     layer.animated(&instancer, "point3f[] positions", positions);
-    layer.orientations(&instancer, moments.iter().map(|m| (m.time, rotations[m.frame].clone())).collect());
-    layer.animated(&instancer, "float3[] scales", scales(bake));
-    if bake.bodies.iter().any(|body| body.first_frame > 0) {
+    let turns = moments.iter().map(|m| (m.time, rotations[m.frame].clone())).collect();
+    layer.orientations(&instancer, turns, layout.motion != UsdMotion::Lean);
+    let is_still = layout.motion == UsdMotion::None;
+    layer.animated(&instancer, "float3[] scales", scales(bake, is_still));
+    if bake.bodies.iter().any(|body| body.first_frame > 0) && !is_still {
         layer.animated(&instancer, "int64[] invisibleIds", invisible(bake));
     }
-    if moments.len() > 1 {
+    if moments.len() > 1 && is_full {
         let velocities = at(&|m| points(motion(bake, m, |a, b, body| place(b, body) - place(a, body))));
         layer.animated(&instancer, "vector3f[] velocities", velocities);
-        let turned =
-            |a: usize, b: usize, body: usize| turn(bake.frames[a][body].rotation, bake.frames[b][body].rotation);
+        let turned = |a: usize, b: usize, body: usize| {
+            layout.direction(turn(bake.frames[a][body].rotation, bake.frames[b][body].rotation))
+        };
         let turns = at(&|m| points(motion(bake, m, turned)));
         layer.animated(&instancer, "vector3f[] angularVelocities", turns);
     }
-    let extents: Vec<_> = (0..bake.frames.len()).map(|frame| room(bake, frame, &bounds).extent()).collect();
+    let first = if is_still { bake.frames.len() - 1 } else { 0 };
+    let shown = first..bake.frames.len();
+    let extents: Vec<_> = shown.map(|frame| room(bake, frame, &bounds, &layout).extent()).collect();
     let extent = |frame: usize| (frame as f64, Value::Vec3fVec(extents[frame].clone()));
     layer.animated(&instancer, "float3[] extent", changes(&extents).into_iter().map(extent).collect());
     if let Some(glue) = &bake.glue {
@@ -78,6 +87,7 @@ fn prototypes<'a>(
     scene: &'a ExportScene,
 ) -> Result<Prototypes, ExportError> {
     let scope = stage.layer.prim(instancer, "Prototypes", "Scope");
+    [instancer, &scope].into_iter().for_each(|prim| stage.group(prim));
     let (mut prims, mut bounds) = (BTreeMap::new(), BTreeMap::new());
     let used: BTreeSet<usize> = bake.bodies.iter().map(|body| body.prop).collect();
     for (place, prop) in used.into_iter().enumerate() {
@@ -86,21 +96,19 @@ fn prototypes<'a>(
         let shown = stage.layer.text(model.name);
         stage.layer.set(&prim, FieldKey::DisplayName, shown);
         let pivot = bake.solids[prop].pivot;
-        if pivot != DVec3::ZERO {
-            stage.layer.attribute(&prim, "double3 xformOp:translate", gf::Vec3d::from((-pivot).to_array()));
-            stage.layer.order(&prim, &["xformOp:translate"]);
-        }
-        bounds.insert(prop, stage.model(&prim, model, BranchFrame::Origin)?);
+        let moved = DAffine3::from_translation(stage.layer.layout.place(-pivot));
+        bounds.insert(prop, stage.put(&prim, model, BranchFrame::Origin, moved)?);
         prims.insert(prop, (place, prim));
     }
     Ok((prims, bounds))
 }
 
 /// Per frame and body, each in the half space of the one before it.
-fn rotations(bake: &BakedPile) -> Vec<Vec<gf::Quatf>> {
+fn rotations(bake: &BakedPile, layout: &Layout) -> Vec<Vec<gf::Quatf>> {
     let mut rotations = vec![Vec::with_capacity(bake.bodies.len()); bake.frames.len()];
     for body in 0..bake.bodies.len() {
-        let track = tracks::rotations(bake.frames.iter().map(|poses| poses[body]));
+        let poses = bake.frames.iter().map(|poses| poses[body]);
+        let track = tracks::rotations(poses.map(|pose| Pose { rotation: layout.rotation(pose.rotation), ..pose }));
         for (frame, [x, y, z, w]) in rotations.iter_mut().zip(track) {
             frame.push(gf::Quatf { w, x, y, z });
         }
@@ -110,12 +118,15 @@ fn rotations(bake: &BakedPile) -> Vec<Vec<gf::Quatf>> {
 
 /// The scales of the bodies: nothing until they appear. The steps are one frame long, in which [`invisible`] hides
 /// them.
-fn scales(bake: &BakedPile) -> Samples {
+fn scales(bake: &BakedPile, is_still: bool) -> Samples {
     let at = |frame: usize| {
         let scale =
             |body: &cairn_core::report::bake::BakedBody| if frame < body.first_frame { 0.0 } else { body.scale };
         Value::Vec3fVec(bake.bodies.iter().map(|body| vector(DVec3::splat(scale(body)))).collect())
     };
+    if is_still {
+        return vec![(0.0, at(bake.frames.len() - 1))];
+    }
     let steps = appearances(bake).into_iter().flat_map(|frame| [frame.saturating_sub(1), frame]);
     steps.collect::<BTreeSet<_>>().into_iter().map(|frame| (frame as f64, at(frame))).collect()
 }
@@ -150,15 +161,19 @@ struct Moment {
 /// The samples of the motion: frames whose poses, as they are written, are not redundant. USD extrapolates bodies by
 /// their velocities, before the first sample and after the last one, too: these have none. Where the pile moves from
 /// frame 0 on, its first sample is one frame before that.
-fn moments(bake: &BakedPile, rotations: &[Vec<gf::Quatf>]) -> Vec<Moment> {
+fn moments(bake: &BakedPile, rotations: &[Vec<gf::Quatf>], motion: UsdMotion) -> Vec<Moment> {
     let place = |frame: usize, body: usize| vector(bake.pivot_pose(frame, body).translation);
     let written: Vec<_> = (rotations.iter().enumerate())
         .map(|(frame, turns)| ((0..bake.bodies.len()).map(|body| place(frame, body)).collect::<Vec<_>>(), turns))
         .collect();
-    let frames = changes(&written);
     let last = written.len() - 1;
+    if motion == UsdMotion::None {
+        return vec![Moment { time: 0.0, frame: last, is_still: true }];
+    }
+    let frames = changes(&written);
     let moves_at_once = written.len() > 1 && written[0] != written[1];
-    let before = moves_at_once.then_some(Moment { time: -1.0, frame: 0, is_still: true });
+    let before =
+        (moves_at_once && motion == UsdMotion::Full).then_some(Moment { time: -1.0, frame: 0, is_still: true });
     let sample = |frame: usize| Moment { time: frame as f64, frame, is_still: frame == last };
     before.into_iter().chain(frames.into_iter().map(sample)).collect()
 }
@@ -184,26 +199,30 @@ fn turn(from: DQuat, to: DQuat) -> DVec3 {
     axis * angle.to_degrees()
 }
 
-/// The bounding box of all bodies that have appeared.
-fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, BoundingBox>) -> BoundingBox {
+/// The bounding box of all bodies that have appeared, in the stage.
+fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, BoundingBox>, layout: &Layout) -> BoundingBox {
     let mut all = BoundingBox::default();
-    for (body, pose) in bake.bodies.iter().zip(&bake.frames[frame]).filter(|(body, _)| body.first_frame <= frame) {
-        let scale = DVec3::splat(body.scale);
-        let placed = DAffine3::from_scale_rotation_translation(scale, pose.rotation, pose.translation);
-        all.join(&bounds[&body.prop], placed);
+    for (index, body) in bake.bodies.iter().enumerate().filter(|(_, body)| body.first_frame <= frame) {
+        let (scale, pose) = (DVec3::splat(body.scale), bake.pivot_pose(frame, index));
+        let (rotation, place) = (layout.rotation(pose.rotation), layout.place(pose.translation));
+        all.join(&bounds[&body.prop], DAffine3::from_scale_rotation_translation(scale, rotation, place));
     }
     all
 }
 
 /// Writes a prim that is placed by poses.
 pub fn place(stage: &mut UsdStage, prim: &Path, poses: &[Pose]) {
+    let layout = stage.layer.layout.clone();
+    let poses = if layout.motion == UsdMotion::None { &poses[poses.len() - 1..] } else { poses };
     let moments = |track: Option<Vec<u32>>| track.unwrap_or_else(|| vec![0]);
-    let translations = tracks::translations(poses.iter().copied());
+    let moved =
+        |pose: &Pose| Pose { translation: layout.place(pose.translation), rotation: layout.rotation(pose.rotation) };
+    let translations = tracks::translations(poses.iter().map(moved));
     let frames = moments(tracks::thin(&translations).map(|track| track.frames));
     let value = |frame: u32| Value::Vec3d(translations[frame as usize].map(f64::from).into());
     let samples = frames.into_iter().map(|frame| (f64::from(frame), value(frame))).collect();
     stage.layer.animated(prim, "double3 xformOp:translate", samples);
-    let rotations = tracks::rotations(poses.iter().copied());
+    let rotations = tracks::rotations(poses.iter().map(moved));
     let frames = moments(tracks::thin(&rotations).map(|track| track.frames));
     let value = |frame: u32| {
         let [x, y, z, w] = rotations[frame as usize];

@@ -1,14 +1,18 @@
 //! A USD layer while it grows: prims, their properties, and the file that comes of them.
 
 use super::binary;
+use super::layout::Layout;
 use crate::files;
-use glam::{DQuat, DVec3};
+use glam::{DAffine3, DMat3, DMat4, DQuat, DVec3};
 use openusd::gf;
-use openusd::sdf::{self, ChildrenKey, FieldKey, ListOp, Path, SpecType, Specifier, Value, Variability};
+use openusd::sdf::{self, ChildrenKey, FieldKey, ListOp, Path, Reference, SpecType, Specifier, Value, Variability};
 use openusd::tf::Token;
 use openusd::usda::TextWriter;
 use std::collections::BTreeMap;
 use std::io::{Error, Result};
+
+/// Beyond what a few products of rotations are off by.
+const ROUNDING: f64 = 1e-9;
 
 /// How a layer is stored.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -20,6 +24,7 @@ pub enum Encoding {
 /// The layer. Prims and properties stay in the order in which they were added.
 pub struct Layer {
     encoding: Encoding,
+    pub layout: Layout,
     data: sdf::Data,
     /// Names of each prim's children and properties.
     prims: BTreeMap<String, Vec<Token>>,
@@ -27,10 +32,10 @@ pub struct Layer {
 }
 
 impl Layer {
-    pub fn new(encoding: Encoding) -> Layer {
+    pub fn new(encoding: Encoding, layout: Layout) -> Layer {
         let mut data = sdf::Data::new();
         data.create_spec(Path::abs_root(), SpecType::PseudoRoot);
-        Layer { encoding, data, prims: BTreeMap::new(), properties: BTreeMap::new() }
+        Layer { encoding, layout, data, prims: BTreeMap::new(), properties: BTreeMap::new() }
     }
 
     /// A text as the layer has to hold it: a reader of `.usda` takes a backslash for the beginning of an escape, and
@@ -42,8 +47,49 @@ impl Layer {
         }
     }
 
-    /// Defines a prim below another one. `name` becomes one that USD takes and that no other child has; where that
-    /// changes it, the prim is displayed by it.
+    /// Makes a prim that of an asset: of a prim in it, or of its default prim.
+    pub fn refer(&mut self, prim: &Path, asset: &str, target: Option<&str>) {
+        let prim_path = target.and_then(|target| sdf::path(target).ok()).unwrap_or_default();
+        let reference = Reference { asset_path: asset.to_owned(), prim_path, ..Default::default() };
+        self.set(prim, FieldKey::References, Value::ReferenceListOp(ListOp::prepended([reference])));
+    }
+
+    /// Switches off a prim of what a prim refers to, by its path from there.
+    pub fn switch_off(&mut self, prim: &Path, below: &str) {
+        let mut at = prim.clone();
+        for name in below.split('/') {
+            let Ok(next) = at.append_path(name) else { return };
+            let names = self.prims.entry(at.as_str().to_owned()).or_default();
+            if names.iter().all(|known| known.as_str() != name) {
+                names.push(Token::from(name));
+                let spec = self.data.create_spec(next.clone(), SpecType::Prim);
+                spec.add(FieldKey::Specifier, Value::Specifier(Specifier::Over));
+            }
+            at = next;
+        }
+        self.set(&at, FieldKey::Active, false);
+    }
+
+    /// Places a prim. Parts that are whole numbers but for rounding become that.
+    pub fn transform(&mut self, prim: &Path, transform: DAffine3) {
+        let whole = |x: f64| if (x - x.round()).abs() < ROUNDING { x.round() } else { x };
+        let transform = DAffine3::from_cols_array(&transform.to_cols_array().map(whole));
+        if transform.matrix3 == DMat3::IDENTITY {
+            if transform.translation != DVec3::ZERO {
+                let place = gf::Vec3d::from(transform.translation.to_array());
+                self.attribute(prim, "double3 xformOp:translate", place);
+                self.order(prim, &["xformOp:translate"]);
+            }
+            return;
+        }
+        // By rows, and points stand before their matrix: the same sixteen numbers.
+        let matrix = DMat4::from(transform).to_cols_array();
+        self.attribute(prim, "matrix4d xformOp:transform", gf::Matrix4d(matrix));
+        self.order(prim, &["xformOp:transform"]);
+    }
+
+    /// Defines a prim below another one. Without a kind, it has that of what it refers to. `name` becomes one that USD
+    /// takes and that no other child has; where that changes it, the prim is displayed by it.
     pub fn prim(&mut self, parent: &Path, name: &str, kind: &str) -> Path {
         let taken = self.prims.entry(parent.as_str().to_owned()).or_default();
         let plain = identifier(name);
@@ -54,7 +100,9 @@ impl Layer {
         let path = parent.append_path(own.as_str()).expect("an identifier makes a path");
         let spec = self.data.create_spec(path.clone(), SpecType::Prim);
         spec.add(FieldKey::Specifier, Value::Specifier(Specifier::Def));
-        spec.add(FieldKey::TypeName, Value::Token(kind.into()));
+        if !kind.is_empty() {
+            spec.add(FieldKey::TypeName, Value::Token(kind.into()));
+        }
         if own != name {
             let shown = Value::String(self.text(name));
             self.set(&path, FieldKey::DisplayName, shown);
@@ -91,9 +139,10 @@ impl Layer {
         self.set(&path, FieldKey::Default, value);
     }
 
-    /// Adds an attribute that changes with time; one that does not is stored as such.
+    /// Adds an attribute that changes with time, given by frames; one that does not is stored as such.
     pub fn animated(&mut self, prim: &Path, declared: &str, mut samples: Vec<(f64, Value)>) {
         let path = self.declare(prim, declared);
+        samples.iter_mut().for_each(|(frame, _)| *frame = self.layout.time(*frame));
         if samples.windows(2).all(|pair| pair[0].1 == pair[1].1) {
             if let Some((_, value)) = samples.pop() {
                 self.set(&path, FieldKey::Default, value);
@@ -143,16 +192,15 @@ impl Layer {
     }
 
     /// The rotations of an instancer at its moments. Beside the precise ones stand those in half precision, which older
-    /// programs know alone; others prefer the precise ones.
-    pub fn orientations(&mut self, instancer: &Path, samples: Vec<(f64, Vec<gf::Quatf>)>) {
+    /// programs know alone; others prefer the precise ones, which may be left out.
+    pub fn orientations(&mut self, instancer: &Path, samples: Vec<(f64, Vec<gf::Quatf>)>, is_precise: bool) {
         let half = |q: &gf::Quatf| gf::Quath::from([q.w, q.x, q.y, q.z].map(gf::f16::from_f32));
         let halves = samples.iter().map(|(time, all)| (*time, all.iter().map(half).collect::<Vec<_>>().into()));
         self.animated(instancer, "quath[] orientations", halves.collect());
-        self.animated(
-            instancer,
-            "quatf[] orientationsf",
-            samples.into_iter().map(|(t, all)| (t, all.into())).collect(),
-        );
+        if is_precise {
+            let samples = samples.into_iter().map(|(time, all)| (time, all.into())).collect();
+            self.animated(instancer, "quatf[] orientationsf", samples);
+        }
     }
 
     fn property(&mut self, prim: &Path, name: &str, kind: SpecType) -> Path {
@@ -189,8 +237,8 @@ pub fn quaternion(q: DQuat) -> gf::Quatf {
 
 /// A model's name without its file's folder and ending; of a part of a file, the part's name.
 pub fn short_name(name: &str) -> &str {
-    if let (_, Some(node)) = files::split_node(name) {
-        return node;
+    if let (file, Some(node)) = files::split_node(name) {
+        return if files::is_usd(file) { node.rsplit('/').next().unwrap_or(node) } else { node };
     }
     let file = name.rsplit(['/', '\\']).next().unwrap_or(name);
     file.rsplit_once('.').map_or(file, |(stem, _)| stem)

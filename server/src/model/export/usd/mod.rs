@@ -14,25 +14,32 @@
 //!   `cairn:moment` and `cairn:broken` are those of the `.glb`; the bodies' primvars `cairn:cluster` (-1: none) and
 //!   `cairn:anchored`, too.
 //!
-//! Metres, Y up. The figures of the pile are custom data of `Pile`, so that they follow a reference to it; the
-//! result's origin is custom data of the layer.
+//! Metres, Y up, from time code 0 on, unless the scene's `usd` asks for other axes, units and time codes ([`layout`]).
+//! Props and scenery that are USD themselves are references to their files, unless copies are asked for. The figures of
+//! the pile are custom data of `Pile`, so that they follow a reference to it; the result's origin is custom data of the
+//! layer.
 
 mod binary;
 mod bounding_box;
 mod glue;
 mod instancer;
 mod layer;
+pub mod layout;
 mod material;
 mod model;
 mod origin;
+mod stage;
 mod textures;
 mod to_gltf;
 
 use super::hierarchy::BranchFrame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
+use crate::wire::proto::UsdMotion;
 use cairn_core::report::TIMED_FIGURES;
 use cairn_core::report::bake::BakedPile;
+use glam::DAffine3;
 use layer::{Encoding, Layer, short_name};
+use layout::Layout;
 use model::UsdStage;
 use openusd::sdf::{AbstractData, FieldKey, Path, Value};
 use openusd::tf::Token;
@@ -43,7 +50,7 @@ pub use origin::read as read_origin;
 use std::collections::HashMap;
 use std::io::{Cursor, Error};
 pub use textures::FOLDER;
-pub use to_gltf::to_gltf;
+pub use to_gltf::{ConvertedStage, PartChoice, PartPrim, StagePart, convert, to_gltf};
 
 /// The first bytes of the formats.
 const TEXT: &[u8] = b"#usda";
@@ -69,7 +76,14 @@ fn open(bytes: &[u8]) -> Option<Box<dyn AbstractData + '_>> {
 
 /// The `.usdz`.
 pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let Encoded { bytes, sidecars, left_out } = encode_crate(bake, scene)?;
+    let layout = Layout { embeds: true, ..scene.layout.clone() };
+    let Encoded { bytes, sidecars, mut left_out } = encode(Encoding::Crate, bake, scene, layout)?;
+    let assets = scene.props.iter().chain(&scene.scenery).filter(|model| model.asset.is_some()).count();
+    if assets > 0 && !scene.layout.embeds {
+        let what = "a .usdz holds copies of what is USD, without its variants and other materials: name the result \
+                    .usdc for references";
+        left_out.push(what.into());
+    }
     let mut package = ArchiveWriter::new(Cursor::new(Vec::new()));
     let mut files =
         std::iter::once(("pile.usdc", &bytes)).chain(sidecars.iter().map(|(name, file)| (name.as_str(), file)));
@@ -80,31 +94,36 @@ pub fn encode_package(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, 
 
 /// The `.usda`, and its pictures.
 pub fn encode_text(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    encode(Encoding::Text, bake, scene)
+    encode(Encoding::Text, bake, scene, scene.layout.clone())
 }
 
 /// The `.usdc`, and its pictures.
 pub fn encode_crate(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    encode(Encoding::Crate, bake, scene)
+    encode(Encoding::Crate, bake, scene, scene.layout.clone())
 }
 
-fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let mut layer = Layer::new(encoding);
+fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene, layout: Layout) -> Result<Encoded, ExportError> {
+    let mut layer = Layer::new(encoding, layout.clone());
     let root = Path::abs_root();
-    let last = bake.frames.len().saturating_sub(1) as f64;
-    layer.set(&root, FieldKey::DefaultPrim, Token::from("Pile"));
+    let last = if layout.motion == UsdMotion::None { 0 } else { bake.frames.len().saturating_sub(1) };
+    let rate = bake.fps / layout.samples;
+    layer.set(&root, FieldKey::DefaultPrim, Token::from(&*layout.default_prim));
     layer.set(&root, FieldKey::Documentation, concat!("cairn ", env!("CARGO_PKG_VERSION")).to_owned());
-    layer.set(&root, FieldKey::StartTimeCode, 0.0);
-    layer.set(&root, FieldKey::EndTimeCode, last);
-    layer.set(&root, FieldKey::FramesPerSecond, bake.fps);
-    layer.set(&root, FieldKey::TimeCodesPerSecond, bake.fps);
-    layer.set(&root, "metersPerUnit", 1.0);
-    layer.set(&root, "upAxis", Token::from("Y"));
+    layer.set(&root, FieldKey::StartTimeCode, layout.time(0.0));
+    layer.set(&root, FieldKey::EndTimeCode, layout.time(last as f64));
+    layer.set(&root, FieldKey::FramesPerSecond, rate);
+    layer.set(&root, FieldKey::TimeCodesPerSecond, rate);
+    layer.set(&root, "metersPerUnit", layout.meters_per_unit);
+    layer.set(&root, "upAxis", Token::from(if layout.is_z_up { "Z" } else { "Y" }));
     if let Some(origin) = scene.origin {
         origin::write(&mut layer, origin)?;
     }
-    let pile = layer.prim(&root, "Pile", "Xform");
-    layer.set(&pile, FieldKey::Kind, Token::from("component"));
+    let pile = layer.prim(&root, &layout.default_prim, "Xform");
+    let has_references = !layout.embeds && scene.props.iter().chain(&scene.scenery).any(|model| model.asset.is_some());
+    layer.set(&pile, FieldKey::Kind, Token::from(layout.kind(has_references)));
+    if let Some(purpose) = layout.purpose {
+        layer.attribute(&pile, "uniform token purpose", Token::from(purpose));
+    }
     if let Some(measures) = scene.measures {
         let figures = measures.iter().filter(|(name, _)| !TIMED_FIGURES.contains(&&***name));
         let figures = figures.filter_map(|(name, value)| Some((name.to_string(), Value::Double((*value)?))));
@@ -114,6 +133,7 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene) -> Result<E
     }
 
     let mut stage = UsdStage::new(layer);
+    stage.has_groups = has_references && matches!(layout.kind(true), "group" | "assembly");
     instancer::write(&mut stage, &pile, bake, scene)?;
     if !scene.scenery.is_empty() {
         scenery(&mut stage, &pile, bake, scene)?;
@@ -135,14 +155,20 @@ fn scenery<'a>(
     scene: &'a ExportScene,
 ) -> Result<(), ExportError> {
     let top = stage.layer.prim(pile, "Scenery", "Xform");
+    stage.group(&top);
     for (i, model) in scene.scenery.iter().enumerate() {
         let prim = stage.layer.prim(&top, short_name(model.name), "Xform");
         let shown = stage.layer.text(model.name);
         stage.layer.set(&prim, FieldKey::DisplayName, shown);
-        if let Some(poses) = bake.scenery.get(i).filter(|poses| !poses.is_empty()) {
-            instancer::place(stage, &prim, poses);
-        }
-        stage.model(&prim, model, BranchFrame::World)?;
+        let Some(poses) = bake.scenery.get(i).filter(|poses| !poses.is_empty()) else {
+            stage.put(&prim, model, BranchFrame::World, DAffine3::IDENTITY)?;
+            continue;
+        };
+        instancer::place(stage, &prim, poses);
+        // The prim has the motion; what is below it is placed in it.
+        let below = stage.layer.layout.to_stage() != DAffine3::IDENTITY || stage.refers(model);
+        let at = if below { stage.layer.prim(&prim, "Piece", "Xform") } else { prim };
+        stage.put(&at, model, BranchFrame::World, DAffine3::IDENTITY)?;
     }
     Ok(())
 }

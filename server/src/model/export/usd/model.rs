@@ -3,15 +3,15 @@
 use super::super::copy::Copier;
 use super::super::hierarchy::{Branch, BranchFrame, BranchNode};
 use super::super::sources::Sources;
-use super::super::{ExportError, SourceModel};
+use super::super::{ExportError, PartPrim, SourceModel};
 use super::bounding_box::BoundingBox;
-use super::layer::{Layer, quaternion, vector};
+use super::layer::{Encoding, Layer, quaternion, vector};
 use super::material::{self, Materials};
 use super::textures::Textures;
 use cairn_gltf::document::{self, DocumentError, LocalTransform, Object, Triangles, reference};
 use glam::{DAffine3, DMat4, DVec3};
 use openusd::gf;
-use openusd::sdf::Path;
+use openusd::sdf::{FieldKey, Path};
 use openusd::tf::Token;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,6 +19,8 @@ use std::collections::{BTreeMap, BTreeSet};
 pub struct UsdStage<'a> {
     pub layer: Layer,
     pub textures: Textures,
+    /// Prims between the default prim and assets are groups, as the model hierarchy has it.
+    pub has_groups: bool,
     /// What is left out of a model, by its name.
     pub left_out: BTreeSet<(String, String)>,
     sources: Sources<'a>,
@@ -26,7 +28,68 @@ pub struct UsdStage<'a> {
 
 impl<'a> UsdStage<'a> {
     pub fn new(layer: Layer) -> UsdStage<'a> {
-        UsdStage { layer, textures: Textures::default(), left_out: BTreeSet::new(), sources: Sources::default() }
+        let textures = Textures::default();
+        UsdStage { layer, textures, has_groups: false, left_out: BTreeSet::new(), sources: Sources::default() }
+    }
+
+    /// Marks a prim above assets.
+    pub fn group(&mut self, prim: &Path) {
+        if self.has_groups {
+            self.layer.set(prim, FieldKey::Kind, Token::from("group"));
+        }
+    }
+
+    /// Whether a model is referred to, not copied.
+    pub fn refers(&self, model: &SourceModel) -> bool {
+        model.asset.is_some() && !self.layer.layout.embeds
+    }
+
+    /// Places a model below a prim, moved by `place` in the stage, and gives its bounding box in that prim's frame: as
+    /// a reference where it is an asset, otherwise as a copy.
+    pub fn put(
+        &mut self,
+        at: &Path,
+        model: &'a SourceModel,
+        frame: BranchFrame,
+        place: DAffine3,
+    ) -> Result<BoundingBox, ExportError> {
+        let to_stage = place * self.layer.layout.to_stage();
+        let mut bounds = BoundingBox::default();
+        let Some(asset) = model.asset.as_ref().filter(|_| self.refers(model)) else {
+            self.layer.transform(at, to_stage);
+            bounds.join(&self.model(at, model, frame)?, to_stage);
+            return Ok(bounds);
+        };
+        // What it takes up is known by a copy in a layer that is thrown away.
+        let layout = self.layer.layout.clone();
+        let layer = std::mem::replace(&mut self.layer, Layer::new(Encoding::Crate, layout));
+        let (textures, left_out) = (std::mem::take(&mut self.textures), std::mem::take(&mut self.left_out));
+        let scratch = self.layer.prim(&Path::abs_root(), "Copy", "Xform");
+        let copied = self.model(&scratch, model, frame);
+        (self.layer, self.textures, self.left_out) = (layer, textures, left_out);
+        bounds.join(&copied?, to_stage);
+
+        self.group(at);
+        let is_whole = matches!(self.layer.layout.kind(true), "component" | "subcomponent");
+        for PartPrim { path, place, off } in asset.prims {
+            let name = path.rsplit('/').next().unwrap_or("Asset");
+            // The prim below has transforms of its own.
+            let mut parent = at.clone();
+            let transform = to_stage * DAffine3::from_mat4(*place);
+            if asset.prims.len() == 1 {
+                self.layer.transform(at, transform);
+            } else {
+                parent = self.layer.prim(at, name, "Xform");
+                self.layer.transform(&parent, transform);
+            }
+            let own = self.layer.prim(&parent, name, "");
+            self.layer.refer(&own, asset.path, (!asset.is_default).then_some(path));
+            off.iter().for_each(|other| self.layer.switch_off(&own, other));
+            if is_whole {
+                self.layer.set(&own, FieldKey::Kind, Token::from("subcomponent"));
+            }
+        }
+        Ok(bounds)
     }
 
     /// Writes a model below an existing prim, and gives its bounding box in that prim's frame. Its materials stand
@@ -123,7 +186,7 @@ impl ModelWriter<'_, '_> {
         let positions: Vec<gf::Vec3f> = copies.iter().map(|copy| vector(copy.translation)).collect();
         layer.attribute(&instancer, "point3f[] positions", positions);
         let rotations: Vec<gf::Quatf> = copies.iter().map(|c| quaternion(c.rotation)).collect();
-        layer.orientations(&instancer, vec![(0.0, rotations)]);
+        layer.orientations(&instancer, vec![(0.0, rotations)], true);
         let scales: Vec<gf::Vec3f> = copies.iter().map(|copy| vector(copy.scale)).collect();
         layer.attribute(&instancer, "float3[] scales", scales);
         layer.attribute(&instancer, "float3[] extent", all.extent());

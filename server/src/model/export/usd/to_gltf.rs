@@ -1,8 +1,7 @@
-//! A stage as a `.glb`, for what shows results: the renderer and the contact sheet. It has what the file itself has:
-//! meshes, base colours, and the motion of instances and of prims.
+//! A stage as a `.glb`, for the bake and for what shows results. Long: its parts share the state of one walk.
 //!
-//! One layer is read. What it takes from others by references, payloads and sublayers is not there, nor are variants,
-//! skins, subdivision, and materials other than `UsdPreviewSurface`.
+//! It has meshes, base colours, and the motion of instances and of prims, as composed, with the variants that are
+//! selected. Subdivision, skins, and materials other than `UsdPreviewSurface` are not there, which is noted.
 
 mod mesh;
 mod surface;
@@ -10,28 +9,74 @@ mod values;
 
 use super::super::copy::GlbOutput;
 use super::super::{ORIGIN, glb};
-use super::open;
+use super::stage::{self, ComposedStage};
 use cairn_gltf::Resolver;
 use cairn_gltf::document::Object;
 use glam::{DMat3, DMat4, DQuat, DVec3};
-use openusd::sdf::{AbstractData, ChildrenKey, FieldKey, Path, Value};
+use openusd::sdf::{FieldKey, Path, Value};
 use serde_json::json;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
 use values::{number, quaternion, quaternions, vector, vectors};
 
 /// Nodes of the result, and levels of prims: more than any pile has.
 const MOST_NODES: usize = 4_000_000;
+/// Prims, which take some 100 microseconds and 10 KiB each to compose, of a small file; and bytes of a larger one for
+/// each further prim.
+const FEW_PRIMS: usize = 10_000;
+const BYTES_OF_A_PRIM: usize = 64;
 const MOST_LEVELS: usize = 200;
 
-/// The `.glb` of a file in any of USD's formats, or why there is none.
+/// A stage as glTF.
+pub struct ConvertedStage {
+    pub glb: Vec<u8>,
+    /// What is not as in the stage, one sentence each.
+    pub notes: Vec<String>,
+    /// The files that it was made of besides the first one, by their paths from its folder.
+    pub files: BTreeMap<String, Vec<u8>>,
+    /// The parts that were asked for, in their order.
+    pub parts: Vec<StagePart>,
+}
+
+/// A part of a stage as a scene of its own, for a bake.
+pub struct StagePart {
+    /// The name of the scene in the `.glb`.
+    pub scene: String,
+    /// The prims that make it up.
+    pub prims: Vec<PartPrim>,
+    /// A reference to the file without a prim takes it.
+    pub is_default: bool,
+}
+
+/// A prim to which a result refers.
+pub struct PartPrim {
+    pub path: String,
+    /// Places it besides its own transform.
+    pub place: DMat4,
+    /// Paths from it of prims that are no part of the model: it is above the part, because a material is.
+    pub off: Vec<String>,
+}
+
+/// A wanted part of a stage.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct PartChoice {
+    /// Path of a prim; `None`: the default prim, or all.
+    pub prim: Option<String>,
+    /// In a frame at the prim's own origin.
+    pub at_origin: bool,
+}
+
+/// The `.glb` of all that a file in any of USD's formats shows, or why there is none.
 pub fn to_gltf(bytes: &[u8], resolve: &Resolver) -> Result<Vec<u8>, String> {
+    convert(bytes, resolve, &[]).map(|converted| converted.glb)
+}
+
+/// The `.glb` of all that a stage shows, or of parts of it.
+pub fn convert(bytes: &[u8], resolve: &Resolver, parts: &[PartChoice]) -> Result<ConvertedStage, String> {
     // The crate's readers trust what they read: some damaged files make them panic.
-    let read = || -> Result<Vec<u8>, String> {
-        let layer = open(bytes).ok_or("it is damaged, or no USD")?;
-        let in_package = |name: &str| surface::file_in(bytes, name).ok_or_else(|| format!("there is no {name} in it"));
-        let is_package = bytes.starts_with(b"PK");
-        let pictures: &Resolver = if is_package { &in_package } else { resolve };
-        Converter::new(&*layer, pictures).convert()
+    let read = || {
+        let (mut converted, files) = stage::compose(bytes, resolve, |stage| Converter::new(stage).convert(parts))?;
+        converted.files = files;
+        Ok(converted)
     };
     let read = std::panic::AssertUnwindSafe(read);
     std::panic::catch_unwind(read).unwrap_or_else(|_| Err("it is damaged".into()))
@@ -41,27 +86,30 @@ pub fn to_gltf(bytes: &[u8], resolve: &Resolver) -> Result<Vec<u8>, String> {
 type Samples<T> = Vec<(f64, T)>;
 
 struct Converter<'a> {
-    layer: &'a dyn AbstractData,
-    pictures: &'a Resolver<'a>,
+    stage: &'a ComposedStage,
     out: GlbOutput,
     nodes: usize,
+    /// Those that were looked at.
+    prims: HashSet<Path>,
     /// Start, end and number per second of the time codes.
     clock: [f64; 3],
-    meshes: BTreeMap<String, usize>,
+    meshes: BTreeMap<String, Option<usize>>,
     materials: BTreeMap<String, Option<usize>>,
     images: BTreeMap<String, usize>,
     times: BTreeMap<Vec<u64>, usize>,
     channels: Vec<serde_json::Value>,
     samplers: Vec<serde_json::Value>,
+    /// What is left out, with the prims in which it was met.
+    left_out: BTreeMap<&'static str, BTreeSet<String>>,
 }
 
 impl<'a> Converter<'a> {
-    fn new(layer: &'a dyn AbstractData, pictures: &'a Resolver<'a>) -> Converter<'a> {
+    fn new(stage: &'a ComposedStage) -> Converter<'a> {
         Converter {
-            layer,
-            pictures,
+            stage,
             out: GlbOutput::default(),
             nodes: 0,
+            prims: HashSet::new(),
             clock: [0.0, 0.0, 24.0],
             meshes: BTreeMap::new(),
             materials: BTreeMap::new(),
@@ -69,10 +117,11 @@ impl<'a> Converter<'a> {
             times: BTreeMap::new(),
             channels: Vec::new(),
             samplers: Vec::new(),
+            left_out: BTreeMap::new(),
         }
     }
 
-    fn convert(mut self) -> Result<Vec<u8>, String> {
+    fn convert(mut self, choices: &[PartChoice]) -> Result<ConvertedStage, String> {
         let root = Path::abs_root();
         let number = |key: &str| self.field(&root, key).and_then(number);
         let rate = number(FieldKey::TimeCodesPerSecond.as_str()).filter(|rate| *rate > 0.0 && rate.is_finite());
@@ -80,31 +129,153 @@ impl<'a> Converter<'a> {
         let end = number(FieldKey::EndTimeCode.as_str()).filter(|end| *end >= start).unwrap_or(start);
         let unit = number("metersPerUnit").filter(|unit| *unit > 0.0 && unit.is_finite()).unwrap_or(0.01);
         self.clock = [start, end, rate.unwrap_or(24.0)];
-        let is_z_up = matches!(self.field(&root, "upAxis"), Some(Value::Token(axis)) if axis.as_str() == "Z");
-        let mut tops = Vec::new();
-        for child in self.children(&root) {
-            tops.extend(self.prim(&child, None, 0)?);
+        let turn = match stage::token(self.field(&root, "upAxis")).as_deref() {
+            Some("Z") => DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2),
+            _ => DQuat::IDENTITY,
+        };
+        // From the stage's units and axes to glTF's.
+        let to_world = DMat4::from_scale_rotation_translation(DVec3::splat(unit), turn, DVec3::ZERO);
+        let (mut scenes, mut parts) = (Vec::new(), Vec::new());
+        if choices.is_empty() {
+            let mut tops = Vec::new();
+            for child in self.stage.children(&root) {
+                tops.extend(self.prim(&child, None, 0)?);
+            }
+            if tops.is_empty() {
+                return Err("it shows no meshes".into());
+            }
+            let top = self.node(json!({
+                "name": "stage", "children": tops, "scale": [unit, unit, unit], "rotation": turn.as_quat().to_array(),
+            }))?;
+            scenes.push(json!({ "nodes": [top] }));
         }
-        let mut top = json!({ "name": "stage", "children": tops, "scale": [unit, unit, unit] });
-        if is_z_up {
-            let turn = std::f64::consts::FRAC_1_SQRT_2;
-            top["rotation"] = json!([-turn, 0.0, 0.0, turn]);
+        for choice in choices {
+            // No prim has a name with a space.
+            let (scene, part) = self.part(choice, format!("part {}", scenes.len()), to_world)?;
+            scenes.push(scene);
+            parts.push(part);
         }
-        if tops.is_empty() {
-            return Err("it shows no meshes".into());
-        }
-        let top = self.node(top)?;
         if !self.channels.is_empty() {
             let animation = json!({ "name": "pile", "channels": self.channels, "samplers": self.samplers });
             self.out.push("animations", animation);
         }
+        let notes = self.left_out.iter().map(|(what, prims)| {
+            let first = prims.first().map_or("", String::as_str);
+            let more = if prims.len() > 1 { format!(" and {} more", prims.len() - 1) } else { String::new() };
+            format!("{what} ({first}{more})")
+        });
+        let notes = notes.collect();
         let (mut json, bin) = self.out.into_json();
         json.insert("asset".into(), json!({ "version": "2.0", "generator": "cairn" }));
         json.insert("scene".into(), json!(0));
-        json.insert("scenes".into(), json!([{ "nodes": [top] }]));
+        json.insert("scenes".into(), json!(scenes));
         json.insert("buffers".into(), json!([{ "byteLength": bin.len() }]));
         let json = serde_json::to_vec(&json).map_err(|error| error.to_string())?;
-        glb::container(&json, &bin).map_err(|error| error.to_string())
+        let glb = glb::container(&json, &bin).map_err(|error| error.to_string())?;
+        Ok(ConvertedStage { glb, notes, files: BTreeMap::new(), parts })
+    }
+
+    /// The prim that has a prim and its materials: a reference to it keeps what is bound.
+    fn holder(&self, prim: &Path) -> Path {
+        let targets = self.bound_below(prim, 0);
+        let mut holder = prim.clone();
+        while let Some(above) = holder.parent().filter(|above| !above.is_abs_root()) {
+            if targets.iter().all(|target| is_at_or_below(target, &holder)) {
+                return holder;
+            }
+            holder = above;
+        }
+        if targets.iter().all(|target| is_at_or_below(target, &holder)) { holder } else { prim.clone() }
+    }
+
+    /// The materials of a prim and of all below it.
+    fn bound_below(&self, prim: &Path, level: usize) -> BTreeSet<Path> {
+        let mut targets: BTreeSet<Path> = self.binding(prim).into_iter().collect();
+        if level < MOST_LEVELS {
+            targets.extend(self.stage.children(prim).iter().flat_map(|child| self.bound_below(child, level + 1)));
+        }
+        targets
+    }
+
+    /// The prims below `whole` that are neither on the way to `prim` nor hold its materials, by their paths from
+    /// `whole`.
+    fn beside(&self, whole: &Path, prim: &Path) -> Vec<String> {
+        let targets = self.bound_below(prim, 0);
+        let mut off = Vec::new();
+        let mut at = whole.clone();
+        while at != *prim {
+            let Some(next) = self.stage.children(&at).into_iter().find(|child| is_at_or_below(prim, child)) else {
+                break;
+            };
+            let others = self.stage.children(&at).into_iter().filter(|child| *child != next);
+            let others = others.filter(|child| !targets.iter().any(|target| is_at_or_below(target, child)));
+            off.extend(others.map(|other| other.as_str()[whole.as_str().len() + 1..].to_owned()));
+            at = next;
+        }
+        off
+    }
+
+    /// A scene of a part.
+    fn part(
+        &mut self,
+        choice: &PartChoice,
+        scene: String,
+        to_world: DMat4,
+    ) -> Result<(serde_json::Value, StagePart), String> {
+        let root = Path::abs_root();
+        let (prims, is_default) = match &choice.prim {
+            Some(path) => {
+                let prim = openusd::sdf::path(path).ok().filter(|prim| !prim.is_abs_root() && path.starts_with('/'));
+                let prim = prim.filter(|prim| self.stage.is_shown(prim));
+                let prim = prim.ok_or_else(|| {
+                    let tops: Vec<_> = self.stage.children(&root).iter().map(|top| top.as_str().to_owned()).collect();
+                    format!("it has no prim {path}; its top prims: {}", tops.join(", "))
+                })?;
+                (vec![prim], false)
+            }
+            None => match self.stage.default_prim() {
+                Some(prim) => (vec![prim], true),
+                None => (self.stage.children(&root), false),
+            },
+        };
+        let (mut tops, mut placed) = (Vec::new(), Vec::new());
+        for prim in prims {
+            let mut above = to_world;
+            let mut material = None;
+            let mut ancestors: Vec<Path> = std::iter::successors(prim.parent(), Path::parent).collect();
+            ancestors.retain(|ancestor| !ancestor.is_abs_root());
+            for ancestor in ancestors.iter().rev() {
+                above *= self.matrix(ancestor)?;
+                material = self.binding(ancestor).or(material);
+            }
+            if choice.at_origin && choice.prim.is_some() {
+                let origin = (above * self.matrix(&prim)?).w_axis.truncate();
+                above = DMat4::from_translation(-origin) * above;
+            }
+            if let Some(node) = self.prim(&prim, material.as_ref(), 0)? {
+                let is_still = above == DMat4::IDENTITY;
+                let placing = json!({ "name": "stage", "children": [node], "matrix": above.to_cols_array() });
+                tops.push(if is_still { node } else { self.node(placing)? });
+            }
+            let whole = self.holder(&prim);
+            let mut place = above;
+            for ancestor in ancestors.iter().take_while(|_| whole != prim) {
+                place *= self.matrix(ancestor)?.inverse();
+                if *ancestor == whole {
+                    break;
+                }
+            }
+            let off = self.beside(&whole, &prim);
+            placed.push(PartPrim { path: whole.as_str().to_owned(), place, off });
+        }
+        if tops.is_empty() {
+            return Err(match &choice.prim {
+                Some(path) => format!("its prim {path} shows no meshes"),
+                None => "it shows no meshes".into(),
+            });
+        }
+        let part = StagePart { scene, prims: placed, is_default };
+        Ok((json!({ "name": part.scene, "nodes": tops }), part))
     }
 
     fn node(&mut self, node: serde_json::Value) -> Result<usize, String> {
@@ -116,27 +287,24 @@ impl<'a> Converter<'a> {
     }
 
     fn field(&self, path: &Path, key: &str) -> Option<Value> {
-        Some(self.layer.try_field(path, key).ok()??.into_owned())
+        self.stage.field(path, key)
     }
 
-    /// The value of an attribute, where it does not change with time.
+    /// The value of an attribute; of one that changes with time, the first from the start of the stage on.
     fn value(&self, prim: &Path, name: &str) -> Option<Value> {
-        self.field(&prim.append_property(name).ok()?, FieldKey::Default.as_str())
+        let value = self.stage.value(prim, name);
+        value.or_else(|| self.samples(prim, name, Some)?.into_iter().next().map(|(_, value)| value))
     }
 
     fn token(&self, prim: &Path, name: &str) -> Option<String> {
-        match self.value(prim, name)? {
-            Value::Token(token) => Some(token.as_str().to_owned()),
-            _ => None,
-        }
+        stage::token(self.value(prim, name))
     }
 
     /// The samples of an attribute from the start of the stage on; of one that does not change, one.
     fn samples<T>(&self, prim: &Path, name: &str, read: impl Fn(Value) -> Option<T>) -> Option<Samples<T>> {
-        let path = prim.append_property(name).ok()?;
         let start = self.clock[0];
-        let Some(Value::TimeSamples(samples)) = self.field(&path, FieldKey::TimeSamples.as_str()) else {
-            return Some(vec![(start, read(self.field(&path, FieldKey::Default.as_str())?)?)]);
+        let Some(samples) = self.stage.samples(prim, name).filter(|samples| !samples.is_empty()) else {
+            return Some(vec![(start, read(self.stage.value(prim, name)?)?)]);
         };
         // What is there at the start was set before it.
         let first = samples.partition_point(|(time, _)| *time <= start).saturating_sub(1);
@@ -144,33 +312,29 @@ impl<'a> Converter<'a> {
         samples.collect::<Option<Vec<_>>>().filter(|samples| !samples.is_empty())
     }
 
-    fn targets(&self, prim: &Path, name: &str, key: FieldKey) -> Vec<Path> {
-        let targets = prim.append_property(name).ok().and_then(|path| self.field(&path, key.as_str()));
-        match targets {
-            Some(Value::PathListOp(list)) => list.flatten(),
-            Some(Value::PathVec(list)) => list,
-            _ => Vec::new(),
-        }
-    }
-
-    fn children(&self, prim: &Path) -> Vec<Path> {
-        let Some(Value::TokenVec(names)) = self.field(prim, ChildrenKey::PrimChildren.as_str()) else {
-            return Vec::new();
-        };
-        names.iter().filter_map(|name| prim.append_path(name.as_str()).ok()).collect()
-    }
-
     fn kind(&self, prim: &Path) -> String {
-        match self.field(prim, FieldKey::TypeName.as_str()) {
-            Some(Value::Token(kind)) => kind.as_str().to_owned(),
-            _ => String::new(),
-        }
+        stage::token(self.field(prim, FieldKey::TypeName.as_str())).unwrap_or_default()
+    }
+
+    /// The material that is bound to a prim itself.
+    fn binding(&self, prim: &Path) -> Option<Path> {
+        let names = ["material:binding:full", "material:binding", "material:binding:preview"];
+        names.iter().find_map(|name| self.stage.targets(prim, name).into_iter().next())
+    }
+
+    fn note(&mut self, what: &'static str, prim: &Path) {
+        self.left_out.entry(what).or_default().insert(prim.as_str().to_owned());
     }
 
     /// The node of a prim and of all below it, if it shows anything. `above`: the material of what has none.
     fn prim(&mut self, prim: &Path, above: Option<&Path>, level: usize) -> Result<Option<usize>, String> {
         if level > MOST_LEVELS {
             return Err(format!("{}: prims are nested too deeply", prim.as_str()));
+        }
+        let is_new = self.prims.insert(prim.clone()) && self.prims.len() > FEW_PRIMS;
+        let most = if is_new { FEW_PRIMS + self.stage.bytes() / BYTES_OF_A_PRIM } else { usize::MAX };
+        if self.prims.len() > most {
+            return Err(format!("its references make more than {most} prims of few: it is not composed"));
         }
         let kind = self.kind(prim);
         let is_off = matches!(self.field(prim, FieldKey::Active.as_str()), Some(Value::Bool(false)));
@@ -179,7 +343,7 @@ impl<'a> Converter<'a> {
         if is_off || is_hidden || is_aid || ["Material", "Shader", "GeomSubset", "Camera"].contains(&&*kind) {
             return Ok(None);
         }
-        let own = self.targets(prim, "material:binding", FieldKey::TargetPaths).into_iter().next();
+        let own = self.binding(prim);
         let material = own.as_ref().or(above);
         let mut node = Object::from_iter([("name".to_owned(), json!(prim.name().unwrap_or_default()))]);
         let mut children = Vec::new();
@@ -189,17 +353,23 @@ impl<'a> Converter<'a> {
                     node.insert("mesh".into(), json!(mesh));
                 }
             }
+            "Sphere" | "Cube" | "Cone" | "Cylinder" | "Capsule" | "Plane" | "NurbsPatch" => {
+                self.note("it has shapes that are no meshes, which are left out: save them as meshes", prim);
+            }
             "PointInstancer" => {
                 children = self.instances(prim, material, level)?;
                 // A result of ours: its bodies are what the renderer calls the pile.
-                if prim.as_str() == "/Pile/Bodies" && self.is_ours() {
+                if self.is_ours(prim) {
                     let [start, end, rate] = self.clock;
                     node.insert("name".into(), json!("pile"));
                     node.insert("extras".into(), json!({ "fps": rate, "frames": (end - start).round() as u64 + 1 }));
                 }
             }
             _ => {
-                for child in self.children(prim) {
+                if kind == "SkelRoot" {
+                    self.note("its skeleton is left out: meshes have their rest pose", prim);
+                }
+                for child in self.stage.children(prim) {
                     children.extend(self.prim(&child, material, level + 1)?);
                 }
             }
@@ -216,9 +386,22 @@ impl<'a> Converter<'a> {
         Ok(Some(place))
     }
 
-    fn is_ours(&self) -> bool {
+    /// Whether a prim has the bodies of a result of ours.
+    fn is_ours(&self, prim: &Path) -> bool {
         let data = self.field(&Path::abs_root(), FieldKey::CustomLayerData.as_str());
-        matches!(data, Some(Value::Dictionary(data)) if data.contains_key(ORIGIN))
+        let top = self.stage.default_prim().and_then(|top| top.append_path("Bodies").ok());
+        matches!(data, Some(Value::Dictionary(data)) if data.contains_key(ORIGIN)) && top.as_ref() == Some(prim)
+    }
+
+    /// The transform of a prim, as at the start.
+    fn matrix(&self, prim: &Path) -> Result<DMat4, String> {
+        let Some(Value::TokenVec(order)) = self.value(prim, "xformOpOrder") else { return Ok(DMat4::IDENTITY) };
+        let mut all = DMat4::IDENTITY;
+        for op in &order {
+            let op = op.as_str();
+            all *= self.op(prim, op).ok_or_else(|| format!("{}: {op} is not read", prim.as_str()))?;
+        }
+        Ok(all)
     }
 
     /// The transform of a prim: parts that may move, where it has the usual ones, else a matrix.
@@ -251,12 +434,7 @@ impl<'a> Converter<'a> {
             }
             return Ok(());
         }
-        let mut all = DMat4::IDENTITY;
-        for op in order {
-            let matrix = self.op(prim, op).ok_or_else(|| format!("{}: {op} is not read", prim.as_str()))?;
-            all *= matrix;
-        }
-        node.insert("matrix".into(), json!(all.to_cols_array()));
+        node.insert("matrix".into(), json!(self.matrix(prim)?.to_cols_array()));
         Ok(())
     }
 
@@ -308,7 +486,7 @@ impl<'a> Converter<'a> {
     /// A node for each instance, with its prototype below it.
     fn instances(&mut self, prim: &Path, material: Option<&Path>, level: usize) -> Result<Vec<usize>, String> {
         let wrong = |what: &str| format!("{}: {what}", prim.as_str());
-        let prototypes = self.targets(prim, "prototypes", FieldKey::TargetPaths);
+        let prototypes = self.stage.targets(prim, "prototypes");
         let Some(Value::IntVec(indices)) = self.value(prim, "protoIndices") else {
             return Err(wrong("it has no protoIndices that stay the same"));
         };
@@ -390,4 +568,10 @@ impl<'a> Converter<'a> {
         }
         self.out.push("accessors", accessor)
     }
+}
+
+/// Whether a prim is another one or below it.
+fn is_at_or_below(prim: &Path, above: &Path) -> bool {
+    let rest = prim.as_str().strip_prefix(above.as_str());
+    rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
 }

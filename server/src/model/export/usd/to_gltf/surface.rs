@@ -3,37 +3,31 @@
 use super::Converter;
 use super::values::{number, rows, vector};
 use cairn_gltf::document::Object;
-use openusd::sdf::{FieldKey, Path, Value};
+use cairn_gltf::media::media_type;
+use openusd::sdf::{AssetPath, Path, Value};
 use serde_json::json;
-use std::io::{Cursor, Read};
-
-/// Bytes of a picture in a package.
-const MOST_PICTURE: u64 = 256 << 20;
-
-/// A file of a package.
-pub fn file_in(package: &[u8], name: &str) -> Option<Vec<u8>> {
-    let mut archive = zip::ZipArchive::new(Cursor::new(package)).ok()?;
-    let file = archive.by_name(name).ok()?;
-    let mut bytes = Vec::new();
-    file.take(MOST_PICTURE).read_to_end(&mut bytes).ok()?;
-    Some(bytes)
-}
 
 impl Converter<'_> {
     pub(super) fn material(&mut self, prim: &Path) -> Option<usize> {
         if let Some(known) = self.materials.get(prim.as_str()) {
             return *known;
         }
-        let made = self.surface(prim).map(|material| self.out.push("materials", material));
+        let surface = self.surface(prim);
+        if surface.is_none() {
+            self.note("its materials other than UsdPreviewSurface are left out of copies and of pictures", prim);
+        }
+        let made = surface.map(|material| self.out.push("materials", material));
         self.materials.insert(prim.as_str().to_owned(), made);
         made
     }
 
     fn surface(&mut self, prim: &Path) -> Option<serde_json::Value> {
-        let source = |prim: &Path, name: &str| -> Option<Path> {
-            Some(self.targets(prim, name, FieldKey::ConnectionPaths).first()?.prim_path())
-        };
+        let source =
+            |prim: &Path, name: &str| -> Option<Path> { Some(self.stage.sources(prim, name).first()?.prim_path()) };
         let surface = source(prim, "outputs:surface")?;
+        if self.token(&surface, "info:id").is_none_or(|id| id != "UsdPreviewSurface") {
+            return None;
+        }
         let color = |name: &str| self.value(&surface, name).and_then(vector);
         let texture = source(&surface, "inputs:diffuseColor").or_else(|| source(&surface, "inputs:emissiveColor"));
         let plain = color("inputs:diffuseColor").filter(|color| *color != [0.0; 3]);
@@ -47,7 +41,7 @@ impl Converter<'_> {
                 factor = scale.into_iter().next().filter(|scale| scale.len() == 4).unwrap_or(factor);
             }
             if let Some(Value::AssetPath(file)) = self.value(&texture, "inputs:file") {
-                let image = self.image(file.as_str().trim_start_matches("./"));
+                let image = self.image(&file);
                 pbr["baseColorTexture"] = json!({ "index": image });
             }
         }
@@ -56,16 +50,17 @@ impl Converter<'_> {
     }
 
     /// The texture of a picture; one that cannot be had keeps its name, so that this can be said.
-    fn image(&mut self, name: &str) -> usize {
+    fn image(&mut self, file: &AssetPath) -> usize {
+        let name = file.resolved_path().unwrap_or_else(|| file.asset_path().trim_start_matches("./"));
         if let Some(known) = self.images.get(name) {
             return *known;
         }
-        let image = match (self.pictures)(name) {
-            Ok(bytes) => {
-                let media = if bytes.starts_with(b"\x89PNG") { "image/png" } else { "image/jpeg" };
+        let image = match self.stage.file(name) {
+            Some(bytes) => {
+                let media = media_type(&bytes).unwrap_or("image/png");
                 json!({ "bufferView": self.out.push_view(&bytes, Object::new()), "mimeType": media })
             }
-            Err(_) => json!({ "uri": name }),
+            None => json!({ "uri": name }),
         };
         let image = self.out.push("images", image);
         let texture = self.out.push("textures", json!({ "source": image }));

@@ -1,0 +1,331 @@
+//! A composed stage: a layer with all that it takes from others by sublayers, references, payloads, variants and
+//! classes, its instances included. Files are read by their paths from the first layer's folder.
+
+use super::{CRATE, TEXT, ZIP, binary, is_usd};
+use cairn_gltf::Resolver as Files;
+use cairn_gltf::media::media_type;
+use openusd::ar::{Asset, ResolvedPath, Resolver};
+use openusd::sdf::{Path, Specifier, TimeSampleMap, Value};
+use openusd::usd;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{Cursor, Error, ErrorKind, Read};
+use std::rc::Rc;
+
+/// Files of a stage, and the longest chain in which they name each other: more than any asset has.
+const MOST_FILES: usize = 10_000;
+const MOST_ROUNDS: usize = 64;
+/// Bytes of a file in a package.
+const MOST_PACKED: u64 = 1 << 30;
+/// Levels of brackets in a text.
+const MOST_BRACKETS: usize = 256;
+/// The name of the first layer, and what follows the name of a package in that of a layer in it.
+const ROOT: &str = "stage";
+const IN_PACKAGE: &str = ".usdz/";
+
+/// A stage, and what was read for it.
+pub struct ComposedStage {
+    stage: usd::Stage,
+    files: Rc<RefCell<FileTable>>,
+}
+
+/// The files that a stage has asked for.
+#[derive(Default)]
+struct FileTable {
+    /// By path; `None`: there is none.
+    found: BTreeMap<String, Option<Vec<u8>>>,
+    wanted: BTreeSet<String>,
+}
+
+/// What is wrong with a file that a stage names.
+pub struct MissingLayer {
+    pub name: String,
+    pub why: String,
+}
+
+/// Runs `read` on the stage of these bytes until it has all files that it asks for. Gives them, too, by their paths.
+pub fn compose<T>(
+    bytes: &[u8],
+    files: &Files,
+    mut read: impl FnMut(&ComposedStage) -> Result<T, String>,
+) -> Result<(T, BTreeMap<String, Vec<u8>>), String> {
+    let ending = match bytes {
+        _ if bytes.starts_with(TEXT) => "usda",
+        _ if bytes.starts_with(CRATE) => "usdc",
+        _ if bytes.starts_with(ZIP) => "usdz",
+        _ => return Err("it is damaged, or no USD".into()),
+    };
+    let root = format!("{ROOT}.{ending}");
+    let table = Rc::new(RefCell::new(FileTable::default()));
+    table.borrow_mut().found.insert(root.clone(), Some(bytes.to_vec()));
+    for _ in 0..MOST_ROUNDS {
+        let stage = ComposedStage::open(&root, &table)?;
+        let done = read(&stage);
+        let wanted = std::mem::take(&mut table.borrow_mut().wanted);
+        if wanted.is_empty() {
+            // The reason why it shows less, or nothing.
+            if let Some(missing) = stage.missing_layers().into_iter().next() {
+                return Err(format!("it takes {} by reference, which {}", missing.name, missing.why));
+            }
+            let done = done?;
+            drop(stage);
+            let mut found = std::mem::take(&mut table.borrow_mut().found);
+            found.remove(&root);
+            return Ok((done, found.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))).collect()));
+        }
+        let mut table = table.borrow_mut();
+        if table.found.len() + wanted.len() > MOST_FILES {
+            return Err(format!("it names more than {MOST_FILES} files"));
+        }
+        for name in wanted {
+            // Layers and pictures alone: what else it names is none of its business.
+            let bytes = files(&name).ok().filter(|bytes| is_usd(bytes) || media_type(bytes).is_some());
+            table.found.insert(name, bytes);
+        }
+    }
+    Err(format!("its files name each other more than {MOST_ROUNDS} times in a row"))
+}
+
+impl ComposedStage {
+    fn open(root: &str, files: &Rc<RefCell<FileTable>>) -> Result<ComposedStage, String> {
+        let resolver = TableResolver(files.clone());
+        let opened = usd::Stage::builder().resolver(resolver).open(root);
+        let stage = opened.map_err(|_| "it is damaged, or no USD".to_owned())?;
+        Ok(ComposedStage { stage, files: files.clone() })
+    }
+
+    /// A field of a prim or property; of the stage itself, of its first layer.
+    pub fn field(&self, path: &Path, key: &str) -> Option<Value> {
+        if path.is_abs_root() {
+            return self.stage.stage_metadata(key).ok()?;
+        }
+        self.stage.attribute(path.clone()).get_metadata::<Value>(key).ok()?
+    }
+
+    /// The value of an attribute that does not change with time.
+    pub fn value(&self, prim: &Path, name: &str) -> Option<Value> {
+        self.stage.attribute(prim.append_property(name).ok()?).get::<Value>().ok()?
+    }
+
+    pub fn samples(&self, prim: &Path, name: &str) -> Option<TimeSampleMap> {
+        self.stage.time_samples(prim.append_property(name).ok()?).ok()?
+    }
+
+    /// Targets of a relationship.
+    pub fn targets(&self, prim: &Path, name: &str) -> Vec<Path> {
+        let Ok(path) = prim.append_property(name) else { return Vec::new() };
+        self.stage.relationship(path).forwarded_targets().unwrap_or_default()
+    }
+
+    /// Sources of an attribute.
+    pub fn sources(&self, prim: &Path, name: &str) -> Vec<Path> {
+        let Ok(path) = prim.append_property(name) else { return Vec::new() };
+        self.stage.attribute(path).connections().unwrap_or_default()
+    }
+
+    /// The defined prims right below one.
+    pub fn children(&self, prim: &Path) -> Vec<Path> {
+        let names = match prim.is_abs_root() {
+            true => self.stage.root_prims(),
+            false => self.stage.prim(prim.clone()).child_names(),
+        };
+        let paths = names.unwrap_or_default().into_iter().filter_map(|name| prim.append_path(name.as_str()).ok());
+        paths.filter(|path| self.is_shown(path)).collect()
+    }
+
+    /// Whether a prim is defined, and no class.
+    pub fn is_shown(&self, prim: &Path) -> bool {
+        matches!(self.stage.prim(prim.clone()).specifier(), Ok(Some(Specifier::Def)))
+    }
+
+    /// The prim that a reference to the file takes.
+    pub fn default_prim(&self) -> Option<Path> {
+        let name = self.stage.default_prim()?;
+        let path = match name.as_str().strip_prefix('/') {
+            Some(_) => openusd::sdf::path(name.as_str()).ok()?,
+            None => Path::abs_root().append_path(name.as_str()).ok()?,
+        };
+        self.is_shown(&path).then_some(path)
+    }
+
+    /// Size of all files that it is made of.
+    pub fn bytes(&self) -> usize {
+        self.files.borrow().found.values().flatten().map(Vec::len).sum()
+    }
+
+    /// A file that the stage has asked for.
+    pub fn file(&self, name: &str) -> Option<Vec<u8>> {
+        self.files.borrow().open(name)
+    }
+
+    fn missing_layers(&self) -> Vec<MissingLayer> {
+        use openusd::pcp::Error as Fault;
+        let missing = |fault: Fault| {
+            let (name, why) = match fault {
+                Fault::UnresolvedLayer { asset_path, .. } => (asset_path, "is not there".to_owned()),
+                Fault::UnresolvedSublayer { asset_path, .. } => (asset_path, "is not there".to_owned()),
+                Fault::MalformedLayer { asset_path, .. } => (asset_path, "is damaged, or no USD".to_owned()),
+                Fault::MalformedSublayer { asset_path, .. } => (asset_path, "is damaged, or no USD".to_owned()),
+                Fault::UnresolvedPrimPath { target_layer, prim_path, .. } => {
+                    (target_layer, format!("has no prim {}", prim_path.as_str()))
+                }
+                Fault::MissingDefaultPrim { layer_id, .. } => (layer_id, "has no default prim".to_owned()),
+                _ => return None,
+            };
+            Some(MissingLayer { name, why })
+        };
+        self.stage.composition_errors().into_iter().filter_map(missing).collect()
+    }
+}
+
+impl FileTable {
+    fn has(&self, name: &str) -> bool {
+        match split_package(name) {
+            None => self.found.get(name).is_some_and(Option::is_some),
+            Some((package, inner)) => {
+                let package = self.found.get(package).and_then(Option::as_deref);
+                package.and_then(open_package).is_some_and(|archive| archive.index_for_name(inner).is_some())
+            }
+        }
+    }
+
+    /// A file, or one in a package.
+    fn open(&self, name: &str) -> Option<Vec<u8>> {
+        match split_package(name) {
+            None => self.found.get(name)?.clone(),
+            Some((package, inner)) => file_in(self.found.get(package)?.as_deref()?, inner),
+        }
+    }
+}
+
+/// The files of a table; what is not in it yet is wanted.
+struct TableResolver(Rc<RefCell<FileTable>>);
+
+impl Resolver for TableResolver {
+    fn create_identifier(&self, asset_path: &str, anchor: Option<&ResolvedPath>) -> String {
+        let path = asset_path.replace('\\', "/");
+        // `kit.usdz[brick.usd]`
+        let path = match path.split_once('[') {
+            Some((package, inner)) if is_package(package) => format!("{package}/{}", inner.trim_end_matches(']')),
+            _ => path,
+        };
+        let anchor = anchor.map(|anchor| anchor.to_string_lossy().into_owned()).unwrap_or_default();
+        let own = if path.starts_with('/') || path.contains(':') {
+            path
+        } else if let Some((package, inner)) = split_package(&anchor) {
+            // What is in a package names what is in it.
+            format!("{package}/{}", join(inner, &path))
+        } else {
+            join(&anchor, &path)
+        };
+        if !is_package(&own) {
+            return own;
+        }
+        // Of a package, its first layer.
+        let table = self.0.borrow();
+        let package = table.found.get(&own).and_then(Option::as_deref);
+        match package.and_then(first_file) {
+            Some(first) => format!("{own}/{first}"),
+            None => own,
+        }
+    }
+
+    fn resolve(&self, asset_path: &str) -> Option<ResolvedPath> {
+        let mut table = self.0.borrow_mut();
+        let file = split_package(asset_path).map_or(asset_path, |(package, _)| package);
+        if file.is_empty() {
+            return None;
+        }
+        if !table.found.contains_key(file) {
+            table.wanted.insert(file.to_owned());
+            return None;
+        }
+        table.has(asset_path).then(|| ResolvedPath::new(asset_path))
+    }
+
+    fn resolve_for_new_asset(&self, _: &str) -> Option<ResolvedPath> {
+        None
+    }
+
+    /// Only what is sound: the crate's readers trust what they read.
+    fn open_asset(&self, resolved: &ResolvedPath) -> std::io::Result<Box<dyn Asset>> {
+        let name = resolved.to_string_lossy();
+        let bytes = self.0.borrow().open(&name).ok_or(ErrorKind::NotFound)?;
+        let is_sound = match &bytes {
+            _ if bytes.starts_with(CRATE) => binary::is_sound(&bytes),
+            _ => is_sound_text(&bytes),
+        };
+        if is_sound { Ok(Box::new(Cursor::new(bytes))) } else { Err(Error::other("it is damaged, or no USD")) }
+    }
+
+    fn get_modification_timestamp(&self, _: &str, _: &ResolvedPath) -> Option<std::time::SystemTime> {
+        None
+    }
+}
+
+/// Whether a text is one of USD, with no more levels than a reader has room for.
+fn is_sound_text(bytes: &[u8]) -> bool {
+    let mut level = 0_usize;
+    let mut deepest = 0;
+    for byte in bytes {
+        match byte {
+            b'{' | b'(' | b'[' => level += 1,
+            b'}' | b')' | b']' => level = level.saturating_sub(1),
+            _ => {}
+        }
+        deepest = deepest.max(level);
+    }
+    bytes.starts_with(TEXT) && deepest <= MOST_BRACKETS && std::str::from_utf8(bytes).is_ok()
+}
+
+fn is_package(name: &str) -> bool {
+    name.to_ascii_lowercase().ends_with(".usdz")
+}
+
+/// `kit.usdz/brick.usd` -> package and file in it.
+fn split_package(name: &str) -> Option<(&str, &str)> {
+    let at = name.to_ascii_lowercase().find(IN_PACKAGE)? + IN_PACKAGE.len();
+    Some((&name[..at - 1], &name[at..]))
+}
+
+/// A path from the folder of a file, without `.`, and with `..` in front only.
+fn join(from: &str, path: &str) -> String {
+    let folder = from.rsplit_once('/').map_or("", |(folder, _)| folder);
+    let mut parts: Vec<&str> = Vec::new();
+    for part in folder.split('/').chain(path.split('/')) {
+        match part {
+            "" | "." => {}
+            ".." if parts.last().is_some_and(|last| *last != "..") => drop(parts.pop()),
+            part => parts.push(part),
+        }
+    }
+    parts.join("/")
+}
+
+fn open_package(package: &[u8]) -> Option<zip::ZipArchive<Cursor<&[u8]>>> {
+    zip::ZipArchive::new(Cursor::new(package)).ok()
+}
+
+/// A file of a package.
+fn file_in(package: &[u8], name: &str) -> Option<Vec<u8>> {
+    let mut archive = open_package(package)?;
+    let file = archive.by_name(name).ok()?;
+    let mut bytes = Vec::new();
+    file.take(MOST_PACKED).read_to_end(&mut bytes).ok()?;
+    Some(bytes)
+}
+
+/// The first file of a package: its layer.
+fn first_file(package: &[u8]) -> Option<String> {
+    let mut archive = open_package(package)?;
+    let first = archive.by_index(0).ok()?;
+    Some(first.name().to_owned())
+}
+
+/// A token as text.
+pub fn token(value: Option<Value>) -> Option<String> {
+    match value? {
+        Value::Token(token) => Some(token.as_str().to_owned()),
+        _ => None,
+    }
+}
