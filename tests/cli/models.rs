@@ -338,3 +338,26 @@ fn files_of_a_result_are_found_by_their_content() {
     done.fails(65, &["No file in archive or below it has its SHA-256"]);
     assert!(!done.stderr.contains("Name the folder"), "{}", done.stderr);
 }
+
+/// Shapes and scenery by node are where the file has them; only a prop comes alone.
+#[test]
+fn a_node_stands_where_its_file_places_it() {
+    let desk = Desk::new();
+    let mut document = box_json();
+    document["nodes"][0]["name"] = json!("block");
+    document["nodes"][0]["translation"] = json!([5.0, 0.5, 0.0]);
+    document["nodes"][0]["scale"] = json!([4.0, 5.0, 3.0]);
+    desk.write("placed.glb", glb(&document, &box_data([0.3, 0.2, 0.4])));
+    let frames = |scene: &str| {
+        desk.line(&format!("bake {scene} --accuracy draft --no-cache --frames 2 -o pile.json")).ok();
+        let table: Value = serde_json::from_slice(&std::fs::read(desk.path("pile.json")).unwrap()).unwrap();
+        table["frames"].clone()
+    };
+    for scene in ["--control placed.glb# --prop brick.glb", "--control cone.glb --prop stick.glb --static placed.glb#"]
+    {
+        let whole = frames(&scene.replace('#', ""));
+        assert_eq!(frames(&scene.replace('#', "#block")), whole, "{scene}");
+        let x = whole[0][0][0].as_f64().unwrap();
+        assert_eq!(x > 4.0, scene.starts_with("--control placed"), "{x}");
+    }
+}

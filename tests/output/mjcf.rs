@@ -7,7 +7,8 @@ use cairn_core::report::BakedGlue;
 #[test]
 fn glued_bodies_are_one_body_of_the_model() {
     let cube = textured_cube();
-    let prop = SourceModel { name: "a <\"b\"> & c", file: "prop", bytes: &cube, node: None, resolve: &no_files };
+    let prop =
+        SourceModel { name: "a <\"b\"> & c", file: "prop", bytes: &cube, node: None, resolve: &no_files, asset: None };
     let scene = ExportScene { props: vec![prop], scenery: vec![], ..Default::default() };
     let mut pile = pile_of(&[(0, 1.0), (0, 2.0), (0, 1.0), (0, 1.0)], tumbling(4, 3));
     pile.glue = Some(BakedGlue { dots: vec![], clusters: vec![vec![0, 1]], anchored: vec![3] });
@@ -24,13 +25,13 @@ fn glued_bodies_are_one_body_of_the_model() {
         };
         let value = |key: &str| {
             let found = element.try_get_attribute(key).unwrap()?;
-            Some(found.unescape_value().unwrap().into_owned())
+            Some(found.normalized_value(quick_xml::XmlVersion::default()).unwrap().into_owned())
         };
         match element.name().as_ref() {
-            b"body" => bodies.extend(value("name")),
-            b"freejoint" => joints += 1,
-            b"geom" => geoms.extend(value("name")),
-            b"inertial" => masses.push(value("mass").unwrap().parse::<f64>().unwrap()),
+            "body" => bodies.extend(value("name")),
+            "freejoint" => joints += 1,
+            "geom" => geoms.extend(value("name")),
+            "inertial" => masses.push(value("mass").unwrap().parse::<f64>().unwrap()),
             _ => {}
         }
     }

@@ -13,7 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use cairn_gltf::log::{Log, Logged};
 pub use cairn_gltf::{AssetProblem, Limits, ProblemKind, Source};
 use cairn_gltf::{Geometry, Primitive};
-use glam::{DAffine3, DMat3};
+use glam::{DAffine3, DMat3, DVec3};
 
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::topology::{Flat, drop_flat, weld};
@@ -35,6 +35,8 @@ pub struct Asset {
     /// The linear part (rotation, scale, shear) of the chosen node's world transform, already applied to `mesh`.
     /// Identity for a whole file.
     pub linear: DMat3,
+    /// Where the chosen node's origin is in the world, m; zero for a whole file.
+    pub origin: DVec3,
     /// Number of the chosen node in the file.
     pub root: Option<usize>,
     /// Triangles left out because they have no area.
@@ -65,7 +67,7 @@ fn guarded(mut log: Log, read: impl FnOnce(&mut Log) -> Logged<Asset>) -> Result
 }
 
 fn read_with(source: &Source<'_>, log: &mut Log) -> Logged<Asset> {
-    let Geometry { parts, root, linear, why_empty, is_skinned, unread } = Geometry::open(source, log)?;
+    let Geometry { parts, root, linear, origin, why_empty, is_skinned, unread } = Geometry::open(source, log)?;
     let (mut welder, mut mesh, mut degenerate) = (Welder::default(), TriMesh::default(), 0);
     for (primitive, maps) in parts {
         degenerate += add(&primitive, &maps, &mut welder, &mut mesh, log);
@@ -84,7 +86,7 @@ fn read_with(source: &Source<'_>, log: &mut Log) -> Logged<Asset> {
         let all = (degenerate > 0).then(|| format!("every triangle ({degenerate}) has no area"));
         return Err(log.refuse("", ProblemKind::NoTriangles { why: all.or(why_empty) }));
     }
-    Ok(Asset { mesh, linear, root, degenerate, is_skinned, notes: log.notes() })
+    Ok(Asset { mesh, linear, origin, root, degenerate, is_skinned, notes: log.notes() })
 }
 
 /// Notes about triangles of no area that were not left out.

@@ -44,6 +44,8 @@ pub struct Geometry<'a> {
     /// own origin and the world's axes: the rotation and scale of all that is above the node are applied, the
     /// translation is not.
     pub linear: DMat3,
+    /// Where the chosen node's origin is in the world, m; zero for a whole file.
+    pub origin: DVec3,
     /// The reason, if there is no triangle.
     pub why_empty: Option<String>,
     /// A node with a skin shows one of the meshes. Skins are not applied.
@@ -87,7 +89,15 @@ impl<'a> Geometry<'a> {
         let (parts, why_empty) = reader.parts(&nodes, &selection, log)?;
         let unread = UnreadExtensions(gate.unread().map(|(name, met)| (name.to_owned(), met)).collect());
         let is_skinned = reader.is_skinned;
-        Ok(Geometry { parts, root: selection.root, linear: selection.linear, why_empty, is_skinned, unread })
+        Ok(Geometry {
+            parts,
+            root: selection.root,
+            linear: selection.linear,
+            origin: selection.origin,
+            why_empty,
+            is_skinned,
+            unread,
+        })
     }
 }
 

@@ -46,6 +46,8 @@ pub(crate) struct Selection {
     pub root: Option<usize>,
     /// The linear part of its world transform.
     pub linear: DMat3,
+    /// Where its origin is in the world.
+    pub origin: DVec3,
     /// Hidden nodes that were met, and left out with all that is below them.
     pub hidden: usize,
 }
@@ -112,13 +114,20 @@ impl<'a, 'g> Nodes<'a, 'g> {
             let starts: Vec<_> = starts.into_iter().filter(|(root, _)| !self.is_hidden(*root, log)).collect();
             let hidden = count - starts.len();
             let (placed, below) = self.descend(starts, log);
-            return Ok(Selection { placed, root: None, linear: DMat3::IDENTITY, hidden: hidden + below });
+            return Ok(Selection {
+                placed,
+                root: None,
+                linear: DMat3::IDENTITY,
+                origin: DVec3::ZERO,
+                hidden: hidden + below,
+            });
         }
         let chosen = self.find(wanted.unwrap_or_default(), log)?;
-        let linear = self.worlds(&[chosen], log).first().map_or(DMat3::IDENTITY, |world| world.matrix3);
+        let world = self.worlds(&[chosen], log).first().copied().unwrap_or(DAffine3::IDENTITY);
+        let (linear, origin) = (world.matrix3, world.translation);
         // What is chosen by its name is wanted, hidden or not.
         let (placed, hidden) = self.descend(vec![(chosen, DAffine3::from_mat3(linear))], log);
-        Ok(Selection { placed, root: Some(chosen), linear, hidden })
+        Ok(Selection { placed, root: Some(chosen), linear, origin, hidden })
     }
 
     fn find(&self, wanted: &str, log: &mut Log) -> Logged<usize> {

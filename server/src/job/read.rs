@@ -171,19 +171,27 @@ impl SceneReader {
         }
     }
 
+    /// A model where its file places it.
     fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
-        self.model_of(field, Reference::new(path))
-    }
-
-    fn model_of(&mut self, field: &str, reference: Reference) -> (Reference, Model) {
-        let (mesh, is_skinned) = self.mesh(field, &reference, false).unwrap_or_default();
+        let reference = Reference::new(path);
+        let (mut mesh, is_skinned, origin) = self.mesh(field, &reference, false).unwrap_or_default();
+        if origin != DVec3::ZERO {
+            mesh.points.iter_mut().for_each(|point| *point += origin);
+        }
         let name = reference.name.clone();
         (reference, Model { name, mesh, is_skinned })
     }
 
-    /// The mesh of a model, and whether it has a skin. `of_result`: of the bodies of an earlier result, as they lie in
+    /// A model in a frame of its own.
+    fn model_of(&mut self, field: &str, reference: Reference) -> (Reference, Model) {
+        let (mesh, is_skinned, _) = self.mesh(field, &reference, false).unwrap_or_default();
+        let name = reference.name.clone();
+        (reference, Model { name, mesh, is_skinned })
+    }
+
+    /// The mesh of a model, whether it has a skin, and where the origin of its frame is. `of_result`: of the bodies of an earlier result, as they lie in
     /// the end.
-    fn mesh(&mut self, field: &str, reference: &Reference, of_result: bool) -> Option<(TriMesh, bool)> {
+    fn mesh(&mut self, field: &str, reference: &Reference, of_result: bool) -> Option<(TriMesh, bool, DVec3)> {
         if reference.file.as_os_str().is_empty() {
             let field = format!("{field}.path");
             let problem = Problem::new(&field, "it is empty", "Name a .glb, .gltf or USD file.");
@@ -228,7 +236,7 @@ impl SceneReader {
         match asset::read(&source) {
             Ok(asset) => {
                 self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
-                Some((asset.mesh, asset.is_skinned))
+                Some((asset.mesh, asset.is_skinned, asset.origin))
             }
             Err(problems) => {
                 let field = format!("{field}.path");
@@ -328,7 +336,7 @@ impl SceneReader {
             let problem = Problem::new(&field, format!("{friction} is out of range"), "Give a value from 0 to 2.");
             self.problems.push(problem.of_field(&field));
         }
-        let (mesh, _) = self.mesh(&field, &reference, true).unwrap_or_default();
+        let (mesh, ..) = self.mesh(&field, &reference, true).unwrap_or_default();
         StaticModel { model: Model::new(reference.name, mesh), friction, keys: Vec::new() }
     }
 
