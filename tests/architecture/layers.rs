@@ -33,6 +33,7 @@ pub const WORLD: &[&[&str]] = &[
     &["validation"],
     &["stepping"],
     &["queries"],
+    &["any_engine"],
 ];
 
 /// The layers of `cairn-statics`, lowest first.

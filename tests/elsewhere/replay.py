@@ -1,4 +1,4 @@
-"""Replays piles that were written as `.xml` in MuJoCo and in Bullet, and tells what still stands.
+"""Replays piles that were written as `.xml` in MuJoCo and in Bullet, and says what still stands.
 
 Nothing but the file is known: bodies, their parts, masses, friction. Bodies that are glued to each other are one solid
 in it.

@@ -13,19 +13,20 @@ ROOT = pathlib.Path(__file__).parents[2]
 CAIRN = ROOT / "target/release/cairn"
 ASSETS = ROOT / "examples/assets"
 
-# Shapes that fall without glue: of boxes, of several convex parts, of balls.
+# Shapes that fall without glue: of boxes, of several convex parts, of balls. With the scale of the prop.
 PILES = {
-    "sticks": ["letter-t.glb", "stick.glb", "--set", "props.0.scale_min=1.8", "--set", "props.0.scale_max=1.8"],
-    "bananas": ["letter-t.glb", "banana.glb", "--set", "props.0.scale_min=2.5", "--set", "props.0.scale_max=2.5"],
-    "balls": ["tower.glb", "ball.glb", "--set", "props.0.scale_min=1.5", "--set", "props.0.scale_max=1.5"],
+    "sticks": ["letter-t.glb", "stick.glb", 2.6],
+    "bananas": ["letter-t.glb", "banana.glb", 7],
+    "balls": ["tower.glb", "ball.glb", 0.45],
 }
 
 
 @pytest.fixture(scope="module", params=PILES)
 def pile(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(request.param)
-    control, prop, *more = PILES[request.param]
-    command = [CAIRN, "bake", "--control", ASSETS / control, "--prop", ASSETS / prop, *more, "--set", "output.frames=2"]
+    control, prop, scale = PILES[request.param]
+    command = [CAIRN, "bake", "--control", ASSETS / control, "--prop", ASSETS / prop, "--set", "output.frames=2"]
+    command += [word for end in ("min", "max") for word in ("--set", f"props.0.scale_{end}={scale}")]
     for ending in ("xml", "json"):
         subprocess.run([*command, "--quiet", "-o", folder / f"pile.{ending}"], check=True)
     return replay.read(folder / "pile.xml"), json.loads((folder / "pile.json").read_text())

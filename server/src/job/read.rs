@@ -189,8 +189,8 @@ impl SceneReader {
         (reference, Model { name, mesh, is_skinned })
     }
 
-    /// The mesh of a model, whether it has a skin, and where the origin of its frame is. `of_result`: of the bodies of an earlier result, as they lie in
-    /// the end.
+    /// The mesh of a model, whether it has a skin, and where the origin of its frame is. `of_result`: of the bodies of
+    /// an earlier result, as they lie in the end.
     fn mesh(&mut self, field: &str, reference: &Reference, of_result: bool) -> Option<(TriMesh, bool, DVec3)> {
         if reference.file.as_os_str().is_empty() {
             let field = format!("{field}.path");

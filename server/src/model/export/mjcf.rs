@@ -1,9 +1,9 @@
 //! MJCF, the models of MuJoCo: the pile of the last frame, to be simulated further.
 //!
-//! Metres and kilograms, Z up, as MuJoCo has it: Cairn's (x, y, z) is (x, -z, y) here. Each free body is a `body` with a
-//! `freejoint`, with the mass and inertia that it had in the bake, and one `geom` for each convex part of its collision
-//! shape. Bodies that are glued to each other are one `body`, named `cluster.N`; one that is glued to the ground has no
-//! joint. A body's geoms are named `NAME.PART`, by its name in all formats. The ground is a plane.
+//! Metres and kilograms, Z up, as MuJoCo has it: Cairn's (x, y, z) is (x, -z, y) here. Each free body is a `body` with
+//! a `freejoint`, with the mass and inertia that it had in the bake, and one `geom` for each convex part of its
+//! collision shape. Bodies that are glued to each other are one `body`, named `cluster.N`; one that is glued to the
+//! ground has no joint. A body's geoms are named `NAME.PART`, by its name in all formats. The ground is a plane.
 //!
 //! MuJoCo softens contacts. They are as hard here as the time step bears, a hundredth of the characteristic time
 //! sqrt(d / g), where d is the diameter of the median prop.

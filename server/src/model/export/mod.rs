@@ -156,8 +156,9 @@ impl FormatSize {
     const USDA: FormatSize = FormatSize { pose: 260, ..FormatSize::USD };
     /// Numbers with all their digits.
     const TABLE: FormatSize = FormatSize { file: 16 << 10, body: 200, pose: 220 };
-    /// Each body's geoms, and the corners of its parts, since each may have a scale of its own.
-    const MODEL: FormatSize = FormatSize { file: 16 << 10, body: 64 << 10, pose: 0 };
+    /// Each body's geoms, and the corners of a hull, since each may have a scale of its own. Props of many parts and
+    /// many scales take more.
+    const MODEL: FormatSize = FormatSize { file: 16 << 10, body: 5 << 10, pose: 0 };
 }
 
 impl Format {

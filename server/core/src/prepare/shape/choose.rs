@@ -1,5 +1,6 @@
 //! The choice of the solid that stands for a prop: the cheapest one that is close enough.
 
+use super::convex::Fitted;
 use super::fit::{self, OrientedBox};
 use super::{FLAT_THICKNESS, INVISIBLE, ShapeKind, Solid, convex, mass};
 use crate::geometry::mesh::TriMesh;
@@ -9,15 +10,6 @@ use glam::DVec3;
 /// A ball's faceted mesh keeps at least this share of its circumscribed radius (by volume). No convex mesh of 80 faces
 /// or fewer does (Fejes Toth's bound): dice and gems should not roll like balls.
 const BALL_ROUNDNESS: f64 = 0.97;
-
-/// A solid that stands for a prop.
-pub struct Fitted {
-    pub solid: Solid,
-    /// The same without the skin around its hulls.
-    pub bare: Solid,
-    /// Largest distance, both ways, between sampled points of mesh and shape, m.
-    pub deviation: f64,
-}
 
 /// The cheapest solid that is close enough.
 pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> Fitted {

@@ -4,7 +4,6 @@
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
-use crate::prepare::shape::choose::Fitted;
 use crate::prepare::shape::enclose::{Margin, enclosing};
 use crate::prepare::shape::hull::Hull;
 use crate::prepare::shape::{INVISIBLE, SKIN, Solid};
@@ -27,6 +26,15 @@ const FEW_CORNERS: usize = 16;
 const SKETCH_POINTS: usize = 48;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
+
+/// A solid that stands for a prop.
+pub struct Fitted {
+    pub solid: Solid,
+    /// The same without the skin around its hulls.
+    pub bare: Solid,
+    /// Largest distance, both ways, between sampled points of mesh and shape, m.
+    pub deviation: f64,
+}
 
 /// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`:
 /// of the prop, m.

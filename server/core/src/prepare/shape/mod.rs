@@ -23,7 +23,7 @@ use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::{Params, Physics};
 use crate::input::scene::{Prop, Scene};
-use choose::Fitted;
+use convex::Fitted;
 use glam::{DMat3, DQuat, DVec3};
 use mass::Moments;
 use rapier3d::math::{Pose as EnginePose, Vector};

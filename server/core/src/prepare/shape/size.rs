@@ -24,13 +24,10 @@ pub struct Size {
     pub has_parts: bool,
     /// The radius on which it rolls, m; `None` where it is not round.
     pub round: Option<f64>,
-    /// Thickness of its material, m: the smallest extent, or that of the walls where it is hollow.
+    /// Thickness of its material, m: the smallest extent, or `6 V / A` where that is less, because it is hollow. Of a
+    /// ball or a cube, both are the same; of a tube, the second is three of its walls.
     pub wall: f64,
 }
-
-/// A prop is hollow if the mean thickness of its material, `2 V / A`, is below this share of its smallest extent: of a
-/// ball or a cube, it is a third of that.
-const HOLLOW_SHARE: f64 = 0.2;
 
 impl Size {
     pub fn of(mesh: &TriMesh) -> Size {
@@ -54,9 +51,8 @@ impl Size {
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
         // Parts that overlap have surfaces inside, which are no walls.
-        let material = 2.0 * own / mesh.area();
-        let is_hollow = closed && !has_parts && material < HOLLOW_SHARE * extents[0];
-        let wall = if is_hollow { material } else { extents[0] };
+        let is_whole = closed && !has_parts;
+        let wall = if is_whole { extents[0].min(6.0 * own / mesh.area()) } else { extents[0] };
         Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, has_parts, round, wall }
     }
 }

@@ -23,6 +23,8 @@ pub(crate) struct FillWorld {
     world: World,
     /// Bodies that were taken out, by the fill or by the engine.
     removed: usize,
+    /// Bodies lie in each other, as dishes do: walls may be as near to each other as their collision shapes are coarse.
+    nests: bool,
 }
 
 /// Keeps the bodies in: the container, its core where there is one, and a floor.
@@ -47,9 +49,14 @@ pub struct EnclosureMeshes<'a> {
 }
 
 impl FillWorld {
-    /// `world`: without bodies.
-    pub fn new(world: World) -> FillWorld {
-        FillWorld { world, removed: 0 }
+    /// `world`: without bodies. `nests`: bodies lie in each other.
+    pub fn new(world: World, nests: bool) -> FillWorld {
+        FillWorld { world, removed: 0, nests }
+    }
+
+    /// What overlaps are shares of: the thickness of the thinner one's material, or, where bodies nest, its own.
+    fn thickness(&self, pair: &ContactPair) -> f64 {
+        if self.nests { self.world.pair_thickness(pair) } else { self.world.pair_wall(pair) }
     }
 
     /// Steps taken, those of the depenetration included.
@@ -105,7 +112,7 @@ impl FillWorld {
     pub fn cutting_scenery(&mut self, limit: f64) -> Vec<BodyId> {
         self.update_contacts();
         let pairs = self.world.static_contact_pairs(0.0);
-        let deep = pairs.iter().filter(|pair| pair.depth() > limit * self.world.pair_wall(pair));
+        let deep = pairs.iter().filter(|pair| pair.depth() > limit * self.thickness(pair));
         let mut bodies: Vec<BodyId> = deep.map(|pair| pair.a).filter(|&id| self.is_loose(id)).collect();
         bodies.dedup();
         bodies
@@ -210,7 +217,7 @@ impl FillWorld {
     pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
         self.update_contacts();
         let too_deep = |pair: &ContactPair| match pair.b {
-            PairSide::Body(b) => (pair.depth() > limit * self.world.pair_wall(pair)).then_some((pair.a, b)),
+            PairSide::Body(b) => (pair.depth() > limit * self.thickness(pair)).then_some((pair.a, b)),
             PairSide::Ground | PairSide::Scenery | PairSide::Moving => None,
         };
         self.world.contact_pairs(0.0).iter().filter_map(too_deep).collect()

@@ -89,8 +89,8 @@ impl<'p, 'a> Trials<'p, 'a> {
         Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0, frames: 0 }
     }
 
-    /// A trial of a pile that is turned over again. Where other engines count, the pile first stands as in them, and then
-    /// in its own: the bodies are a little smaller there.
+    /// A trial of a pile that is turned over again. Where other engines count, the pile first stands as in them, and
+    /// then in its own: the bodies are a little smaller there.
     pub fn run(
         &mut self,
         joints: &[Joint],

@@ -10,7 +10,7 @@ const DEEPEST: f64 = 8.0;
 
 impl World {
     /// Moves overlapping bodies apart until 95 of 100 pairs in contact overlap by at most `residual` of the thinner
-    /// one's material, or for as long as `going` allows after that many steps. Bodies have no weight and no friction,
+    /// one's thickness, or for as long as `going` allows after that many steps. Bodies have no weight and no friction,
     /// and keep no motion from one step to the next: only the contacts push, which makes each step a projection.
     /// Returns the steps.
     pub fn depenetrate<E>(&mut self, residual: f64, mut going: impl FnMut(u64) -> Result<bool, E>) -> Result<u64, E> {
@@ -47,7 +47,7 @@ impl World {
     fn overlaps_by_more_than(&self, residual: f64) -> bool {
         let pairs = self.contact_pairs(0.0);
         let of_bodies = pairs.iter().filter(|pair| matches!(pair.b, PairSide::Body(_) | PairSide::Scenery));
-        let depths: Vec<f64> = of_bodies.map(|pair| pair.depth() / self.pair_wall(pair)).collect();
+        let depths: Vec<f64> = of_bodies.map(|pair| pair.depth() / self.pair_thickness(pair)).collect();
         let deeper = depths.iter().filter(|&&depth| depth > residual).count();
         deeper as f64 > DEEPER * depths.len() as f64 || depths.iter().any(|&depth| depth > DEEPEST * residual)
     }
