@@ -218,15 +218,19 @@ def quaternion(turn):
     return [x, y, z, w]
 
 
-def main(paths):
-    for path in paths:
+ENGINES = {"MuJoCo": in_mujoco, "Bullet": in_bullet}
+
+
+def main(arguments):
+    """Arguments: piles, and perhaps the engines first."""
+    engines = [word for word in arguments if word in ENGINES] or list(ENGINES)
+    for path in arguments:
+        if path in ENGINES:
+            continue
         pile = read(path)
+        shares = [f"{name} {ENGINES[name](pile, 20 * pile.natural_time):.2f}" for name in engines]
         bodies = sum(len(solid.middles()) for solid in pile.solids)
-        print(
-            f"{path}: {bodies} bodies, {len(pile.solids)} solids; in place in MuJoCo and Bullet:", end=" ", flush=True
-        )
-        seconds = 20 * pile.natural_time
-        print(f"{in_mujoco(pile, seconds):.2f} {in_bullet(pile, seconds):.2f}", flush=True)
+        print(f"{path}: {bodies} bodies, {len(pile.solids)} solids; in place: {', '.join(shares)}", flush=True)
 
 
 if __name__ == "__main__":
