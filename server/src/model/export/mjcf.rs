@@ -8,6 +8,7 @@
 //! MuJoCo softens contacts. They are as hard here as the time step bears, a hundredth of the characteristic time
 //! sqrt(d / g), where d is the diameter of the median prop.
 
+use super::glue::GlueMembership;
 use super::{Encoded, ExportError, ExportScene, body_names};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::prepare::shape::Solid;
@@ -30,10 +31,8 @@ type Xml = Writer<Vec<u8>>;
 pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Encoded, ExportError> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 1);
     let names = body_names(bake, scene);
-    let solids = solids(bake);
     let mut meshes = BTreeMap::new();
-    for &body in solids.iter().flatten() {
-        let BakedBody { prop, scale, .. } = bake.bodies[body];
+    for &BakedBody { prop, scale, .. } in &bake.bodies {
         let count = meshes.len();
         meshes.entry((prop, scale.to_bits())).or_insert(count);
     }
@@ -50,43 +49,30 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Enco
         })?;
         xml.create_element("worldbody").write_inner_content(|xml| {
             ground(xml, &bake.world)?;
-            let mut clusters = 0;
-            for members in &solids {
-                let name = match &members[..] {
-                    [body] => names[*body].clone(),
-                    _ => {
-                        clusters += 1;
-                        format!("cluster.{}", clusters - 1)
+            let count = bake.bodies.len();
+            let glue = bake.glue.as_ref();
+            let held = glue.map_or(vec![GlueMembership::default(); count], |glue| GlueMembership::all(glue, count));
+            let solids = Solids { bake, names: &names, meshes: &meshes };
+            for (body, GlueMembership { cluster, anchored }) in held.into_iter().enumerate() {
+                match glue.zip(cluster) {
+                    None => solids.write(xml, &names[body], &[body], anchored)?,
+                    Some((glue, number)) if glue.clusters[number][0] == body => {
+                        solids.write(xml, &format!("cluster.{number}"), &glue.clusters[number], anchored)?;
                     }
-                };
-                let mesh = |body: usize| {
-                    let BakedBody { prop, scale, .. } = bake.bodies[body];
-                    meshes[&(prop, scale.to_bits())]
-                };
-                Solids { bake, names: &names, mesh: &mesh }.write(xml, &name, members)?;
+                    // It is written with the first one of its cluster.
+                    Some(_) => {}
+                }
             }
             Ok(())
         })?;
         Ok(())
     })?;
-    let is_bare = scene.scenery.is_empty();
-    let left_out = (!is_bare).then(|| {
-        "scenery: a MuJoCo model has none of it; add it there as geoms, or what leans on it falls".to_string()
-    });
-    Ok(Encoded { left_out: left_out.into_iter().collect(), ..Encoded::single(xml.into_inner()) })
-}
-
-/// Bodies that move as one, by their numbers, in the order of the first of each.
-fn solids(bake: &BakedPile) -> Vec<Vec<usize>> {
-    let mut first: Vec<usize> = (0..bake.bodies.len()).collect();
-    for members in bake.glue.iter().flat_map(|glue| &glue.clusters) {
-        members.iter().for_each(|&body| first[body] = members[0]);
+    let mut encoded = Encoded::single(xml.into_inner());
+    if !scene.scenery.is_empty() {
+        let text = "scenery: a MuJoCo model has none of it; add it there as geoms, or what leans on it falls";
+        encoded.left_out.push(text.into());
     }
-    let mut solids: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-    for (body, &first) in first.iter().enumerate() {
-        solids.entry(first).or_default().push(body);
-    }
-    solids.into_values().collect()
+    Ok(encoded)
 }
 
 /// From Cairn's axes to MuJoCo's.
@@ -153,13 +139,12 @@ fn hulls(xml: &mut Xml, solid: &Solid, scale: f64, number: usize) -> Result<()> 
 struct Solids<'a> {
     bake: &'a BakedPile,
     names: &'a [String],
-    /// The number of a body's meshes.
-    mesh: &'a dyn Fn(usize) -> usize,
+    /// The number of the meshes of a prop at a scale, by its bits.
+    meshes: &'a BTreeMap<(usize, u64), usize>,
 }
 
 impl Solids<'_> {
-    fn write(&self, xml: &mut Xml, name: &str, members: &[usize]) -> Result<()> {
-        let is_anchored = self.bake.glue.as_ref().is_some_and(|glue| glue.anchored.contains(&members[0]));
+    fn write(&self, xml: &mut Xml, name: &str, members: &[usize], is_anchored: bool) -> Result<()> {
         let mass: f64 = members.iter().map(|&body| self.mass(body)).sum();
         let center = members.iter().map(|&body| self.mass(body) * self.place(body).translation).sum::<DVec3>() / mass;
         // A body alone keeps its axes; the others have the world's.
@@ -226,9 +211,12 @@ impl Solids<'_> {
             Solid::Ball { center, radius } => {
                 vec![("sphere", *center, DQuat::IDENTITY, ("size", number(radius * scale)))]
             }
-            Solid::Convex(parts) => (0..parts.len())
-                .map(|part| ("mesh", DVec3::ZERO, DQuat::IDENTITY, ("mesh", format!("{}.{part}", (self.mesh)(body)))))
-                .collect(),
+            Solid::Convex(parts) => {
+                let mesh = self.meshes[&(prop, scale.to_bits())];
+                (0..parts.len())
+                    .map(|part| ("mesh", DVec3::ZERO, DQuat::IDENTITY, ("mesh", format!("{mesh}.{part}"))))
+                    .collect()
+            }
         };
         for (part, (kind, center, turn, (key, value))) in parts.into_iter().enumerate() {
             xml.create_element("geom")

@@ -7,7 +7,7 @@ use super::Removed;
 use super::world::FillWorld;
 use crate::error::Error;
 use crate::input::observer::Observer;
-use crate::input::params::{FillMethod, Params};
+use crate::input::params::Params;
 use crate::input::scene::Scene;
 use crate::prepare::container::{Container, FAR};
 use crate::prepare::packing::{Room, expected_bodies};
@@ -106,7 +106,7 @@ impl<'a> Filling<'a> {
     pub fn new(task: FillTask<'a>, gravity: f64, with_frames: bool) -> Filling<'a> {
         let compounds = task.shapes.iter().any(|s| s.solid.parts() > 1);
         let physics = task.params.fill_physics(task.units.time);
-        let nests = task.params.fill.method == FillMethod::Stack;
+        let nests = task.params.fill.method.traits().has_order;
         let world = FillWorld::new(World::new(task.units, &physics, task.least_thickness(), compounds), nests);
         let rng = Pcg64Mcg::seed_from_u64(task.params.seed);
         let (removed, progress) = (Removed::default(), FillProgress::new(with_frames));
