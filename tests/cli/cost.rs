@@ -45,7 +45,9 @@ fn a_study_of_a_small_pile() {
         }
         assert_eq!(error("imbalance"), 1.0 - measured(k, "free_standing_fraction"), "row {k}");
         // It stands on compliant contacts, which the engine balances to a fraction of a weight.
-        assert!((1e-7..0.2).contains(&error("overlap")), "{}", error("overlap"));
+        // What is seen at the reference was moved apart.
+        let is_seen = (1e-7..0.2).contains(&error("overlap"));
+        assert!(if k == 4 { error("overlap") == 0.0 } else { is_seen }, "{}", error("overlap"));
         assert!((1e-9..1.0).contains(&error("equilibrium_residual_p95")), "{}", error("equilibrium_residual_p95"));
         for (figure, of) in [("shape", "shape_iou"), ("kept_shape", "kept_shape"), ("silhouette_iou", "silhouette_iou")]
         {

@@ -46,6 +46,39 @@ fn boxes(parts: &[([f32; 3], [f32; 3], bool)]) -> Vec<u8> {
     glb(&document, &data)
 }
 
+/// A ball of 80,000 triangles.
+fn dense() -> Vec<u8> {
+    const SIDES: u32 = 200;
+    let turn = |k: u32| f64::from(k) / f64::from(SIDES) * std::f64::consts::TAU;
+    let point = |row: u32, k: u32| {
+        let (down, around) = (turn(row) / 2.0, turn(k));
+        [down.sin() * around.cos(), down.cos(), down.sin() * around.sin()].map(|x| (0.1 * x) as f32)
+    };
+    let all = |row: u32| (0..SIDES).map(move |k| [row, k]);
+    let at = |row: u32, k: u32| row * SIDES + k % SIDES;
+    let points = (0..=SIDES).flat_map(all).flat_map(|[row, k]| point(row, k));
+    let quads = (0..SIDES).flat_map(all);
+    let corners = quads.flat_map(|[row, k]| {
+        let [a, b, c, d] = [at(row, k), at(row, k + 1), at(row + 1, k + 1), at(row + 1, k)];
+        [a, b, c, a, c, d]
+    });
+    let mut data: Vec<u8> = points.flat_map(f32::to_le_bytes).collect();
+    let split = data.len();
+    data.extend(corners.flat_map(u32::to_le_bytes));
+    let document = changed(|json| {
+        let [count, length] = [(SIDES + 1) * SIDES, data.len() as u32];
+        json["accessors"][0]["count"] = json!(count);
+        json["accessors"][0]["min"] = json!([-0.1, -0.1, -0.1]);
+        json["accessors"][0]["max"] = json!([0.1, 0.1, 0.1]);
+        json["accessors"][1]["count"] = json!(6 * SIDES * SIDES);
+        json["accessors"][1]["componentType"] = json!(5125);
+        json["bufferViews"][0]["byteLength"] = json!(split);
+        json["bufferViews"][1] = json!({ "buffer": 0, "byteOffset": split, "byteLength": length - split as u32 });
+        json["buffers"][0]["byteLength"] = json!(length);
+    });
+    glb(&document, &data)
+}
+
 /// A folder with a file for each fault.
 pub fn shop() -> Desk {
     let desk = Desk::new();
@@ -59,6 +92,7 @@ pub fn shop() -> Desk {
         desk.write(name, document.to_string());
     };
     // Files.
+    desk.write("dense.glb", dense());
     desk.write("empty.glb", "");
     desk.write("text.glb", "this is no model");
     desk.write("broken.gltf", "{ \"asset\": { \"version\": \"2.0\" }, ");

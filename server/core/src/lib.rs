@@ -12,7 +12,8 @@
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
 //!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
 //!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`stages::hold`]): the simulation continues until the pile is at rest.
+//! 6. **Hold** ([`stages::hold`]): the simulation continues until the pile is at rest. At accuracy `reference`, visible
+//!    meshes that still cut each other are then moved apart ([`stages::separate`]).
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness.
@@ -70,8 +71,9 @@ use stages::cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
 use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
+use stages::separate::Separation;
 use stages::turn_over::TurnOverInputs;
-use stages::{containers, fill, glue, hold, release, turn_over};
+use stages::{containers, fill, glue, hold, release, separate, turn_over};
 use std::borrow::Cow;
 use world::Units;
 
@@ -240,6 +242,8 @@ pub struct Released<'a> {
     sim: Simulation<'a>,
     glued: Option<Glued>,
     held: HoldOutcome,
+    /// With its CPU seconds.
+    separation: Option<(Separation, f64)>,
     /// With every frame that was kept.
     pile: BakedPile,
     clock: Clock,
@@ -287,10 +291,18 @@ pub fn release_pile<'a>(
     }
 
     let held = hold::run(&mut sim, params, stands, observer)?;
+    let begin = observer.cpu_seconds();
+    let separation = resolved.is_on(EffectName::Separation).then(|| {
+        let ground = params.ground.then_some(full.checked.ground);
+        separate::run(&mut sim.pile, held.at_rest, params.output.frames, ground)
+    });
+    let separation_seconds = observer.cpu_seconds() - begin;
+    hold::finish(&mut sim, params, observer);
     clock.lap(Stage::Hold, observer);
 
     let pile = baked_pile(scene, params, full, &sim, glued.is_some())?;
-    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, pile, clock })
+    let separation = separation.map(|found| (found, separation_seconds));
+    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, separation, pile, clock })
 }
 
 /// The frames of a pile, and its glue where `is_glued`.
@@ -345,6 +357,7 @@ impl Released<'_> {
             filled: full.filled.as_ref(),
             core: full.checked.core.as_ref(),
             held: self.held,
+            separation: self.separation,
             glued: self.glued.as_ref(),
             pile: &self.pile,
             ground: full.checked.ground,

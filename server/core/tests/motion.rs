@@ -6,7 +6,7 @@ mod common;
 use cairn_core::bake;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, GlueMode, Params};
+use cairn_core::input::params::{Accuracy, GlueMode, Params, Switch};
 use cairn_core::input::scene::{PlacedBody, Scene};
 use cairn_core::prepare::effects::Count;
 use cairn_core::prepare::shape::{Shape, Size};
@@ -43,6 +43,38 @@ fn frames_in_which_nothing_is_seen_are_left_out_on_request() {
     let ways = whole.pile.frames[240].iter().zip(&trimmed.pile.frames[count - 1]);
     let farthest = ways.map(|(a, b)| a.translation.distance(b.translation)).fold(0.0, f64::max);
     assert!(farthest <= 0.1 * d, "{farthest} m");
+}
+
+#[test]
+fn no_visible_meshes_cut_each_other_where_that_is_asked_for() {
+    let scene = scene(cone(0.6, 1.0), stick());
+    let mut params = natural();
+    params.accuracy = Accuracy::Fine;
+    let [left, apart] = [Switch::Auto, Switch::On].map(|switch| {
+        params.hold.separate = switch;
+        baked(&scene, &params)
+    });
+    assert!(left.report.measures["visible_cut_share"].unwrap() > 0.0, "boxes of the engine sink into each other");
+    assert_eq!(left.report.measures["separation_max_rel"], None);
+    let counts = &apart.report.counts;
+    assert!(counts[&Count::SeparationMoved] > 0 && counts[&Count::SeparationPairs] > 100, "{counts:?}");
+    assert_eq!(counts[&Count::SeparationCut], 0);
+    assert_eq!(apart.report.measures["visible_cut_share"], Some(0.0));
+    let farthest = apart.report.measures["separation_max_rel"].unwrap();
+    assert!(farthest > 0.0 && farthest <= 0.05, "{farthest}");
+    // One frame more, in which no body moves by more than that, or sinks into the ground.
+    let (before, after) = apart.pile.frames.split_at(left.pile.frames.len());
+    assert_eq!((before, after.len()), (&left.pile.frames[..], 1));
+    for (a, b) in before[before.len() - 1].iter().zip(&after[0]) {
+        assert!(a.translation.distance(b.translation) <= 0.05 * 0.06 + 1e-4);
+        let points = &scene.props[0].model.mesh.points;
+        let low = |pose: &Pose| points.iter().map(|&p| pose.transform_point(p).y).fold(0.0, f64::min);
+        assert!(low(b) >= low(a) - 1e-6);
+    }
+    params.output.frames = Some(240);
+    let longer = baked(&scene, &params);
+    assert_eq!(longer.pile.frames.len(), 241);
+    assert_eq!(longer.pile.frames[240], after[0], "it stays so");
 }
 
 #[test]

@@ -108,8 +108,9 @@ impl Surface {
 
     /// How deep the meshes overlap: `None` where no two triangles cross. The parts of space that both enclose (as far
     /// as crossings and corners show them) are looked at one by one; the depth of one is its width in its narrowest
-    /// direction, by which the meshes must be moved apart there. An open sheet's is that within its plane.
-    pub fn overlap(&self, other: &Surface, map: &DAffine3) -> Option<f64> {
+    /// direction, by which the meshes must be moved apart there. An open sheet's is that within its plane. Of several
+    /// parts the deepest.
+    pub fn overlap(&self, other: &Surface, map: &DAffine3) -> Option<Overlap> {
         let mut crossings = Vec::new();
         self.visit_crossings(other, map, |found| {
             crossings.push(found);
@@ -148,8 +149,10 @@ impl Surface {
         for c in &crossings {
             let region = regions.entry(sets.find(numbers[&(0, c.triangles[0])])).or_default();
             region.points.extend(&c.points);
-            region.normals.push(normal(self.mesh.corners(c.triangles[0] as usize)));
-            region.normals.push(normal(other.mesh.corners(c.triangles[1] as usize).map(|p| map.transform_point3(p))));
+            let own = normal(self.mesh.corners(c.triangles[0] as usize));
+            let theirs = normal(other.mesh.corners(c.triangles[1] as usize).map(|p| map.transform_point3(p)));
+            region.normals.extend([own, theirs]);
+            region.outward += own - theirs;
         }
         for k in 0..2 {
             for &v in &within[k] {
@@ -158,7 +161,8 @@ impl Surface {
                 regions.entry(sets.find(numbers[&(k, own(k).beside(v)[0])])).or_default().points.push(place);
             }
         }
-        Some(regions.values().map(Region::width).fold(0.0, f64::max))
+        let parts = regions.values().map(Region::overlap);
+        parts.reduce(|a, b| if b.depth > a.depth { b } else { a })
     }
 
     fn beside(&self, point: u32) -> &[u32] {
@@ -188,17 +192,32 @@ impl Surface {
     }
 }
 
+/// How two meshes overlap.
+#[derive(Clone, Copy, Debug)]
+pub struct Overlap {
+    pub depth: f64,
+    /// The other mesh leaves the overlap along this, by the depth; unit.
+    pub way_out: DVec3,
+}
+
 /// A part of space that two meshes share, by points of its surface.
 #[derive(Default)]
 struct Region {
     points: Vec<DVec3>,
     /// Of the triangles that cross, unit.
     normals: Vec<DVec3>,
+    /// The sum of those of the first mesh, less those of the other.
+    outward: DVec3,
 }
 
 impl Region {
-    /// The width in the narrowest direction found, from the normals of the crossing triangles on.
-    fn width(&self) -> f64 {
+    fn overlap(&self) -> Overlap {
+        let (depth, along) = self.width();
+        Overlap { depth, way_out: if along.dot(self.outward) < 0.0 { -along } else { along } }
+    }
+
+    /// The width in the narrowest direction found, from the normals of the crossing triangles on, and that direction.
+    fn width(&self) -> (f64, DVec3) {
         let extent = |direction: DVec3| {
             let (lo, hi) = self
                 .points
@@ -210,7 +229,7 @@ impl Region {
         let stride = self.normals.len().div_ceil(MOST_NORMALS).max(1);
         let starts = self.normals.iter().step_by(stride).copied().chain([DVec3::X, DVec3::Y, DVec3::Z]);
         let best = starts.filter(|n| *n != DVec3::ZERO).map(|n| (extent(n), n)).min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some(best) = best else { return 0.0 };
+        let Some(best) = best else { return (0.0, DVec3::Y) };
         let (width, direction) = refined(best, &extent, |n, k| {
             let (u, v) = n.any_orthonormal_pair();
             let angle = std::f64::consts::TAU * f64::from(k) / 8.0;
@@ -218,7 +237,7 @@ impl Region {
         });
         let (u, v) = direction.any_orthonormal_pair();
         if width > FLAT * extent(u).max(extent(v)) {
-            return width;
+            return (width, direction);
         }
         // Flat: one of the two is a sheet.
         let turned = |k: u32| {
@@ -227,7 +246,7 @@ impl Region {
         };
         let best = (0..16).map(|k| (extent(turned(k)), turned(k))).min_by(|a, b| a.0.total_cmp(&b.0));
         let across = |n: DVec3, k: u32| direction.cross(n) * if k.is_multiple_of(2) { 1.0 } else { -1.0 };
-        best.map_or(0.0, |best| refined(best, &extent, across).0)
+        best.map_or((0.0, direction), |best| refined(best, &extent, across))
     }
 }
 

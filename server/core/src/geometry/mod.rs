@@ -8,6 +8,7 @@ pub mod mesh;
 pub mod pose;
 pub mod raster;
 pub mod rectangle;
+pub mod simplify;
 pub mod topology;
 pub(crate) mod weld;
 

@@ -55,6 +55,8 @@ pub struct PileShape {
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct Prop {
     pub model: Model,
+    /// How far its mesh is from the one that is shown, m: a dense mesh was simplified.
+    pub mesh_deviation: f64,
     /// Relative frequency among the props, >= 0. 0: only placed by hand.
     pub weight: f64,
     /// Coulomb friction coefficient, 0 to 2. A pair has the mean of its two.
@@ -97,6 +99,7 @@ impl Prop {
     pub fn new(model: Model) -> Prop {
         Prop {
             model,
+            mesh_deviation: 0.0,
             weight: 1.0,
             friction: Params::new(Accuracy::Standard).ground_friction,
             density: 1000.0,

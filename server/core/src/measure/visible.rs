@@ -3,7 +3,7 @@
 use super::percentile;
 use crate::geometry::contact::REAL_CONTACT;
 use crate::geometry::crossing::Surface;
-use crate::geometry::mesh::TriMesh;
+use crate::geometry::mesh::{TriMesh, boxes_meet};
 use crate::geometry::pose::Pose;
 use glam::{DAffine3, DVec3};
 use rayon::prelude::*;
@@ -45,6 +45,31 @@ struct Neighbours {
     gap: Option<f64>,
 }
 
+/// Boxes, and which of them meet.
+pub struct Neighbourhood {
+    boxes: Vec<(DVec3, DVec3)>,
+    /// By their lower ends along X.
+    order: Vec<usize>,
+    widest: f64,
+}
+
+impl Neighbourhood {
+    pub fn new(boxes: Vec<(DVec3, DVec3)>) -> Neighbourhood {
+        let mut order: Vec<usize> = (0..boxes.len()).collect();
+        order.sort_by(|&i, &j| boxes[i].0.x.total_cmp(&boxes[j].0.x).then(i.cmp(&j)));
+        let widest = boxes.iter().map(|b| b.1.x - b.0.x).fold(0.0, f64::max);
+        Neighbourhood { boxes, order, widest }
+    }
+
+    /// The others whose boxes meet this one.
+    pub fn of(&self, i: usize) -> Vec<usize> {
+        let (lo, hi) = self.boxes[i];
+        let begin = self.order.partition_point(|&j| self.boxes[j].0.x < lo.x - self.widest);
+        let along = self.order[begin..].iter().copied().take_while(|&j| self.boxes[j].0.x <= hi.x);
+        along.filter(|&j| j != i && boxes_meet(self.boxes[i], self.boxes[j], DVec3::ZERO)).collect()
+    }
+}
+
 /// `bodies`: index into `props`, uniform scale and pose. `thickness`: of each body, m. `touching`: pairs, the lower
 /// index first, whose collision shapes touch. `all`: every body is looked at; else at most [`LOOKED_AT`].
 pub fn visible(
@@ -69,21 +94,12 @@ pub fn visible(
             (lo - reach, hi + reach)
         })
         .collect();
-    let mut order: Vec<usize> = (0..boxes.len()).collect();
-    order.sort_by(|&i, &j| boxes[i].0.x.total_cmp(&boxes[j].0.x).then(i.cmp(&j)));
-    let widest = boxes.iter().map(|b| b.1.x - b.0.x).fold(0.0, f64::max);
     let stride = if all { 1 } else { boxes.len().div_ceil(LOOKED_AT).max(1) };
     let is_looked_at = |i: usize| i.is_multiple_of(stride);
-    let neighbours = |i: usize| {
-        let (lo, hi) = boxes[i];
-        let begin = order.partition_point(|&j| boxes[j].0.x < lo.x - widest);
-        let along = order[begin..].iter().copied().take_while(|&j| boxes[j].0.x <= hi.x);
-        // A pair of two that are looked at is found by the earlier one.
-        along
-            .filter(|&j| j != i && (j > i || !is_looked_at(j)))
-            .filter(|&j| boxes[j].0.cmple(hi).all() && boxes[j].1.cmpge(lo).all())
-            .collect::<Vec<_>>()
-    };
+    let count = boxes.len();
+    let near = Neighbourhood::new(boxes);
+    // A pair of two that are looked at is found by the earlier one.
+    let neighbours = |i: usize| near.of(i).into_iter().filter(move |&j| j > i || !is_looked_at(j));
     let pair = |i: usize, j: usize| {
         let pair = [i.min(j), i.max(j)];
         let unit = thickness[i].min(thickness[j]);
@@ -92,7 +108,7 @@ pub fn visible(
         let [to_world, placed] = pair.map(map);
         let between = to_world.inverse() * placed;
         let scale = bodies[pair[0]].1;
-        let depth = one.overlap(other, &between).map(|depth| depth * scale / unit);
+        let depth = one.overlap(other, &between).map(|found| found.depth * scale / unit);
         let reach = if touching.contains(&pair) { FARTHEST } else { REAL_CONTACT };
         let gap = match depth {
             Some(_) => Some(0.0),
@@ -100,9 +116,9 @@ pub fn visible(
         };
         Neighbours { bodies: pair, unit, depth, gap }
     };
-    let looked_at: Vec<usize> = (0..boxes.len()).filter(|&i| is_looked_at(i)).collect();
+    let looked_at: Vec<usize> = (0..count).filter(|&i| is_looked_at(i)).collect();
     let found: Vec<Vec<Neighbours>> =
-        looked_at.par_iter().map(|&i| neighbours(i).into_iter().map(|j| pair(i, j)).collect()).collect();
+        looked_at.par_iter().map(|&i| neighbours(i).map(|j| pair(i, j)).collect()).collect();
     let found: Vec<Neighbours> = found.into_iter().flatten().collect();
     let cut: BTreeSet<usize> = found.iter().filter(|n| n.depth.is_some()).flat_map(|n| n.bodies).collect();
     let cut = cut.into_iter().filter(|&i| is_looked_at(i)).count();

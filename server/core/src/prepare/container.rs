@@ -3,12 +3,12 @@
 //! The mesh stays upright while it is filled under upward gravity: turning over then only changes the sign of gravity.
 
 pub mod core;
-mod simplify;
 
 use self::core::Core;
 use crate::geometry::contact::CARRYING_GAP;
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::{TriMesh, bounds, boxes_meet};
+use crate::geometry::simplify::{self, Simplified};
 use crate::geometry::topology::{self, Topology};
 use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::input::scene::Scene;
@@ -66,16 +66,6 @@ const FINE_WALLS: f64 = 50.0;
 /// A remeshed container is this far inside the control mesh, in grid spacings: the surface of a grid rounds edges off,
 /// outward at concave ones.
 const REMESH_INSET: f64 = 0.2;
-
-/// Triangles that props collide with.
-pub struct CollisionMesh {
-    /// Engine units, facing inward.
-    pub mesh: TriMesh,
-    /// Triangles saved by simplification.
-    pub saved: usize,
-    /// The largest distance of a removed corner from the simplified mesh, in d; 0 where none was removed.
-    pub deviation: f64,
-}
 
 /// Whether a control mesh is finer than props need, or remeshing may make it so: then the container is simplified. `d`
 /// in the mesh's unit.
@@ -204,8 +194,8 @@ impl Container {
         Some(gaps.map(|gap| [gap.low, gap.high].map(|y| self.units.height_to_engine(y))).collect())
     }
 
-    /// The closed container, larger by `outside` on all sides.
-    pub fn closed(&self, outside: f64) -> CollisionMesh {
+    /// The closed container, larger by `outside` on all sides, facing inward.
+    pub fn closed(&self, outside: f64) -> Simplified {
         let mesh = if outside > 0.0 { surface(self.shell(), -outside) } else { self.mesh.clone() };
         simplify::run(mesh, self.tolerance)
     }
@@ -223,7 +213,7 @@ impl Container {
     }
 
     /// The container with an opening where the base was, and a collar below it.
-    pub fn opened(&self, cut: f64, collar: f64) -> CollisionMesh {
+    pub fn opened(&self, cut: f64, collar: f64) -> Simplified {
         simplify::run(without_base(&self.mesh, self.base, cut, collar).0, self.tolerance)
     }
 }

@@ -1,9 +1,9 @@
-//! Everything before the first step: checks of the scene, the inside of containers, the scenery around the
-//! shape, collision shapes and container, the effects, the plan, the
-//! estimate.
+//! Everything before the first step: dense props made light, checks of the scene, the inside of containers, the scenery
+//! around the shape, collision shapes and container, the effects, the plan, the estimate.
 
 pub mod check;
 pub mod container;
+pub mod dense;
 pub mod effects;
 pub mod estimate;
 pub(crate) mod extremes;

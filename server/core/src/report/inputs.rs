@@ -14,6 +14,7 @@ use crate::prepare::shape::Shape;
 use crate::stages::fill::Filled;
 use crate::stages::glue::Glued;
 use crate::stages::hold::HoldOutcome;
+use crate::stages::separate::Separation;
 use std::collections::BTreeMap;
 
 /// Figures by name; `None` where a figure has no meaning for the scene.
@@ -32,6 +33,8 @@ pub struct ReportInputs<'a> {
     /// The core, where the pile is a shell.
     pub core: Option<&'a Core>,
     pub held: HoldOutcome,
+    /// With its CPU seconds.
+    pub separation: Option<(Separation, f64)>,
     /// `None`: nothing is glued.
     pub glued: Option<&'a Glued>,
     /// With every frame that was kept.

@@ -65,6 +65,9 @@ pub fn report(
     };
     measures.extend(seen);
     own.visible = observer.cpu_seconds() - begin;
+    let separation = inputs.separation.map(|(found, _)| found);
+    measures.insert("separation_max_rel", separation.map(|found| found.farthest));
+    own.separation = inputs.separation.map_or(0.0, |(_, seconds)| seconds);
     let begin = observer.cpu_seconds();
     let support = match resolved.is_on(EffectName::SupportFigures) {
         true => contacts::support(&sim.pile.world, &mut || observer.progress(&inputs.progress(0.9)))?,
@@ -87,6 +90,7 @@ pub fn report(
     }
     notes.extend(warnings::end(sim, inputs.held, &measures));
     notes.extend(warnings::cuts(inputs, sim));
+    notes.extend(separation.and_then(warnings::separation));
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     let mut counts = counts::counts(inputs, sim, freed_steps);
@@ -95,6 +99,9 @@ pub fn report(
         (Count::PicturesMeasured, shape.pictures),
         (Count::SupportIterations, support.iterations),
         (Count::VisiblePairs, visible_pairs),
+        (Count::SeparationPairs, separation.map_or(0, |found| found.pairs)),
+        (Count::SeparationMoved, separation.map_or(0, |found| found.moved)),
+        (Count::SeparationCut, separation.map_or(0, |found| found.cut)),
     ]);
     (own.control, own.frames) = (sim.seconds.control(), sim.seconds.frames());
     spent.lap(Stage::Measure, observer);

@@ -12,6 +12,7 @@ use crate::sim::guard;
 use crate::sim::step::Simulation;
 use crate::stages::fill::{Filled, Removed, Shaken};
 use crate::stages::hold::HoldOutcome;
+use crate::stages::separate::Separation;
 use crate::world::BodyId;
 
 /// If more of the volume than this lies in pockets, the user is warned.
@@ -195,6 +196,19 @@ pub fn cuts(inputs: &ReportInputs, sim: &Simulation) -> Vec<String> {
     cuts.iter().map(cut).collect()
 }
 
+/// The warning about meshes that still cut each other, where none should.
+pub fn separation(found: Separation) -> Option<String> {
+    let pairs = counted(found.cut as usize, "pair of meshes cuts", "pairs of meshes cut");
+    let remedy = match found.left {
+        true => "the pile did not rest before the last frame: bake more frames",
+        false => {
+            "they would have to move by more than 5 % of their thickness: use a smaller physics.shape_tolerance, or \
+             more physics.max_parts"
+        }
+    };
+    (found.cut > 0).then(|| format!("{pairs} each other in the end (hold.separate); {remedy}"))
+}
+
 /// Warnings about the end of the bake.
 pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<String> {
     let hanging = measures.get("hanging").copied().flatten().unwrap_or(0.0) as usize;
@@ -235,8 +249,11 @@ fn unsupported(count: usize) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Guarded, HoldOutcome, Removed, Shaken, fallen, poor_fill, removed, rest, shaken, unsupported};
+    use super::{
+        Guarded, HoldOutcome, Removed, Shaken, fallen, poor_fill, removed, rest, separation, shaken, unsupported,
+    };
     use crate::sim::guard::{AsideReason, describe_aside};
+    use crate::stages::separate::Separation;
     use crate::testing::says_only;
 
     /// Each remedy is that of its cause.
@@ -325,6 +342,28 @@ mod tests {
         ] {
             let said: Vec<String> = removed(&taken).into_iter().chain(shaken(shake.as_ref())).collect();
             says_only(case, &said, words);
+        }
+    }
+
+    #[test]
+    fn each_warning_about_visible_meshes_has_its_cause() {
+        let done = Separation { pairs: 9, moved: 2, farthest: 0.001, ..Separation::default() };
+        for (case, found, words) in [
+            ("when none cuts another", done, &[] as &[&str]),
+            (
+                "when the pile moved to the end",
+                Separation { cut: 2, left: true, ..done },
+                &["2 pairs of meshes cut each other in the end (hold.separate); the pile did not rest before the \
+                   last frame: bake more frames"],
+            ),
+            (
+                "when some are hooked",
+                Separation { cut: 2, ..done },
+                &["2 pairs of meshes cut each other in the end (hold.separate); they would have to move by more \
+                   than 5 % of their thickness: use a smaller physics.shape_tolerance, or more physics.max_parts"],
+            ),
+        ] {
+            says_only(case, &separation(found).into_iter().collect::<Vec<_>>(), words);
         }
     }
 

@@ -5,6 +5,7 @@
 use crate::geometry::pose::Pose;
 use crate::input::params::Params;
 use crate::world::{Role, Units, World};
+use glam::DVec3;
 
 /// When frames are due, and whether they are kept.
 #[derive(Clone, Copy, Debug)]
@@ -164,6 +165,23 @@ impl Recorder {
         let count = (self.frames.len() - settled).max(event).max(self.hold_frame) + 1;
         self.trimmed = self.frames.len().saturating_sub(count);
         self.frames.truncate(count);
+    }
+
+    /// The time of the latest frame, s; of frame 0 where it waits.
+    pub fn time(&self, units: Units) -> f64 {
+        self.due as f64 * self.pace.interval * units.time
+    }
+
+    /// Adds a frame like the latest one, but for bodies that are moved: by the number of each, in engine units.
+    pub fn amend(&mut self, shifts: &[(usize, DVec3)]) {
+        for &(id, by) in shifts {
+            self.last[id].translation += by;
+        }
+        self.due += 1;
+        match self.pace.keeps {
+            true => self.frames.push(self.last.clone()),
+            false => self.latest = self.last.clone(),
+        }
     }
 
     /// Makes it `count` frames after frame 0, repeating the last pose.

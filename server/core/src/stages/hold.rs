@@ -97,7 +97,12 @@ pub fn run(
     stands: bool,
     observer: &mut dyn Observer,
 ) -> Result<HoldOutcome, Error> {
-    let held = until_rest(sim, params, stands, params.output.frames, observer)?;
+    until_rest(sim, params, stands, params.output.frames, observer)
+}
+
+/// The frames after that: as many as the parameters ask for.
+pub fn finish(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer) {
+    sim.show(observer, Stage::Hold);
     sim.pile.recorder.mark();
     if let Some(n) = params.output.frames {
         sim.pile.recorder.fit(n as usize);
@@ -109,7 +114,6 @@ pub fn run(
         recorder.trim(world, *latest_event - first);
     }
     sim.show_end(observer, Stage::Hold);
-    Ok(held)
 }
 
 /// Simulates until the pile is at rest or patience is over, before frame 0.

@@ -9,4 +9,5 @@ pub mod free_standing;
 pub mod glue;
 pub mod hold;
 pub mod release;
+pub mod separate;
 pub mod turn_over;

@@ -18,15 +18,15 @@ fn boxes_overlap_by_the_depth_of_their_faces() {
     // Crossed, with no corner of one in the other, and the cube a corner deep in the plank.
     for (x, depth) in [(0.3, 0.07), (1.7, 0.02)] {
         let turned = DAffine3::from_rotation_translation(DQuat::from_rotation_y(0.4), DVec3::new(x, 0.6 - depth, 0.1));
-        let found = plank.overlap(&cube, &turned).expect("they cross");
+        let found = plank.overlap(&cube, &turned).expect("they cross").depth;
         assert!((found - depth).abs() < 1e-6, "{found}");
-        let other = cube.overlap(&plank, &turned.inverse()).expect("they cross");
+        let other = cube.overlap(&plank, &turned.inverse()).expect("they cross").depth;
         assert!((other - depth).abs() < 1e-6, "{other}");
         assert!(plank.crosses(&cube, &turned));
     }
     // A larger copy, by the scale in the map.
     let large = DAffine3::from_scale_rotation_translation(DVec3::splat(2.0), DQuat::IDENTITY, DVec3::Y * 1.05);
-    assert!((plank.overlap(&cube, &large).expect("they cross") - 0.05).abs() < 1e-6);
+    assert!((plank.overlap(&cube, &large).expect("they cross").depth - 0.05).abs() < 1e-6);
 }
 
 #[test]
@@ -52,7 +52,7 @@ fn two_contacts_are_two_regions() {
         clamp.append(&cuboid(DVec3::new(0.1, 2.0, 0.1)).transformed(&at(x, 0.0, 0.0)));
     }
     let (clamp, cube) = (Surface::new(&clamp), Surface::new(&cuboid(DVec3::splat(0.5))));
-    let found = clamp.overlap(&cube, &DAffine3::IDENTITY).expect("they cross");
+    let found = clamp.overlap(&cube, &DAffine3::IDENTITY).expect("they cross").depth;
     assert!((found - 0.03).abs() < 1e-6, "{found}");
 }
 
@@ -63,6 +63,6 @@ fn a_sheet_cuts_within_its_plane() {
         triangles: vec![[0, 1, 2], [0, 2, 3]],
     };
     let (sheet, cube) = (Surface::new(&sheet), Surface::new(&cuboid(DVec3::splat(0.5))));
-    let found = cube.overlap(&sheet, &at(1.4, 0.2, 0.0)).expect("they cross");
+    let found = cube.overlap(&sheet, &at(1.4, 0.2, 0.0)).expect("they cross").depth;
     assert!((found - 0.1).abs() < 1e-4, "{found}");
 }

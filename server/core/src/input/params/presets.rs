@@ -11,6 +11,8 @@ pub struct AccuracyTraits {
     pub measures_pictures: bool,
     /// The meshes of all bodies are held against their neighbours'; else those of a sample, in a large pile.
     pub looks_at_all: bool,
+    /// Visible meshes that cut each other in the end are moved apart.
+    pub separates: bool,
     /// The forces at the contacts of the final pile are solved for.
     pub measures_support: bool,
     /// CPU time of a fill / that of a fill at `standard`: median over the study's scenes.
@@ -33,6 +35,7 @@ impl Accuracy {
             measures_pictures: true,
             measures_support: true,
             looks_at_all: false,
+            separates: false,
             fill_cost_factor: 1.0,
             glue_joints_factor: 1.0,
             expected_errors: [0.0014, 0.099, 0.056],
@@ -43,6 +46,7 @@ impl Accuracy {
                 measures_pictures: false,
                 measures_support: false,
                 looks_at_all: false,
+                separates: false,
                 fill_cost_factor: 0.25,
                 // Joints are chosen in fewer rounds, without a trial.
                 glue_joints_factor: 2.1,
@@ -64,6 +68,7 @@ impl Accuracy {
             },
             Accuracy::Reference => AccuracyTraits {
                 looks_at_all: true,
+                separates: true,
                 fill_cost_factor: 7.4,
                 expected_errors: [5.7e-5, 0.1, 0.02],
                 ..STANDARD

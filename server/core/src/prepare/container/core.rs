@@ -1,8 +1,9 @@
 //! The core of a pile that is a shell of props: the inside of the control mesh below them, unseen and at rest.
 
-use super::{MAX_GRID_NODES, simplify, surface, without_base};
+use super::{MAX_GRID_NODES, surface, without_base};
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::TriMesh;
+use crate::geometry::simplify;
 use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::prepare::shape::hull_mesh;
 

@@ -67,6 +67,7 @@ pub enum EffectName {
     Breaking,
     Impact,
     Stand,
+    Separation,
     Frames,
     Trim,
     ShapeFigures,
@@ -161,6 +162,7 @@ pub struct OwnSeconds {
     pub shape_figures: f64,
     pub pictures: f64,
     pub visible: f64,
+    pub separation: f64,
     pub support: f64,
     pub free_standing: f64,
 }

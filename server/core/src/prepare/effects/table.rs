@@ -205,6 +205,16 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         }
         ControlMode::Hold => no("nothing is filled"),
     }),
+    row(Separation, By("hold.separate", |c| c.params.hold.separate), &[SeparationPairs, SeparationMoved], |c| match c
+        .params
+        .accuracy
+        .traits()
+        .separates
+    {
+        true => yes("bodies whose visible meshes cut each other in the end are moved apart until none do"),
+        false => no(NOT_AT_THIS_ACCURACY),
+    })
+    .seconds(|spent| spent.separation),
     row(EffectName::Frames, By("effects.frames", |c| c.effects.frames), &[Count::Frames], |c| {
         yes(format!("{} per second; without them, the result is the final pose", c.params.output.fps))
     })

@@ -1,8 +1,8 @@
 //! The choice of the solid that stands for a prop: the cheapest one that is close enough.
 
-use super::convex::Fitted;
+use super::convex::{Extent, Fitted};
 use super::fit::{self, OrientedBox};
-use super::{FLAT_THICKNESS, INVISIBLE, ShapeKind, Solid, convex, mass};
+use super::{FLAT_THICKNESS, INVISIBLE, ShapeKind, Size, Solid, convex, mass};
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::Physics;
 use glam::DVec3;
@@ -11,11 +11,14 @@ use glam::DVec3;
 /// or fewer does (Fejes Toth's bound): dice and gems should not roll like balls.
 const BALL_ROUNDNESS: f64 = 0.97;
 
-/// The cheapest solid that is close enough.
-pub fn solid(mesh: &TriMesh, around: &OrientedBox, diameter: f64, closed: bool, physics: &Physics) -> Fitted {
-    let fitted = primitive(mesh, around, diameter, closed, physics);
-    let fitted = fitted.map(|(solid, deviation)| Fitted { bare: solid.clone(), solid, deviation });
-    fitted.unwrap_or_else(|| convex::decompose(mesh, diameter, 2.0 * around.half.min_element(), closed, physics))
+/// The cheapest solid that is close enough, and holds what is no farther from the mesh than `off`, m.
+pub fn solid(mesh: &TriMesh, around: &OrientedBox, size: &Size, off: f64, physics: &Physics) -> Fitted {
+    let Size { diameter, closed, .. } = *size;
+    if let Some((solid, deviation)) = primitive(mesh, around, diameter, closed, physics) {
+        let solid = solid.larger(off);
+        return Fitted { bare: solid.clone(), solid, deviation: deviation + off };
+    }
+    convex::decompose(mesh, Extent { diameter, thickness: 2.0 * around.half.min_element(), off }, closed, physics)
 }
 
 /// The box or the ball that the mesh is, or the box of a sheet, and its distance from the mesh, m.
@@ -86,12 +89,13 @@ mod tests {
     #[test]
     fn a_ball_holds_its_mesh_or_is_a_hull() {
         let physics = Params::new(Accuracy::Standard).physics;
+        let size = Size { diameter: 2.0, closed: true, ..Size::default() };
         let fine = globe(48);
-        let Fitted { solid, deviation, .. } = solid(&fine, &fit::oriented_box(&fine), 2.0, true, &physics);
+        let Fitted { solid, deviation, .. } = solid(&fine, &fit::oriented_box(&fine), &size, 0.0, &physics);
         let Solid::Ball { center, radius } = solid else { panic!("it is a ball") };
         assert!(fine.points.iter().all(|p| p.distance(center) <= radius + 1e-9) && deviation < 0.04);
         let coarse = globe(10);
-        let Fitted { solid, .. } = super::solid(&coarse, &fit::oriented_box(&coarse), 2.0, true, &physics);
+        let Fitted { solid, .. } = super::solid(&coarse, &fit::oriented_box(&coarse), &size, 0.0, &physics);
         assert_eq!(solid.kind(), ShapeKind::Hull, "its facets are too far from any ball");
     }
 }

@@ -9,6 +9,7 @@ use crate::prepare::shape::hull::Hull;
 use crate::prepare::shape::{INVISIBLE, SKIN, Solid};
 use glam::DVec3;
 use rapier3d::math::Vector;
+use rapier3d::parry::partitioning::BvhNode;
 use rapier3d::parry::query::PointQuery;
 use rapier3d::parry::shape::TriMesh as EngineMesh;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
@@ -24,6 +25,8 @@ const MOST_PART_CORNERS: usize = 40;
 const FEW_CORNERS: usize = 16;
 /// Corners of a hull by which the deviation is measured.
 const SKETCH_POINTS: usize = 48;
+/// A ray passes a triangle of a mesh of size 1 no farther outside of its box, by rounding.
+const BOX_ROUNDING: f32 = 1e-5;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
 
@@ -36,9 +39,18 @@ pub struct Fitted {
     pub deviation: f64,
 }
 
-/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners. `thickness`:
-/// of the prop, m.
-pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, physics: &Physics) -> Fitted {
+/// How large a prop is, m.
+#[derive(Clone, Copy)]
+pub struct Extent {
+    pub diameter: f64,
+    pub thickness: f64,
+    /// How far its mesh may be from the one that is shown.
+    pub off: f64,
+}
+
+/// One hull where that is close enough to the mesh, else up to `max_parts` convex parts, with few corners.
+pub fn decompose(mesh: &TriMesh, extent: Extent, closed: bool, physics: &Physics) -> Fitted {
+    let Extent { diameter, thickness, off } = extent;
     let unit = Unit::new(mesh, diameter, closed);
     let mut best = vec![Part::of(&unit.points)];
     let mut best_deviation = unit.deviation(&best);
@@ -76,9 +88,10 @@ pub fn decompose(mesh: &TriMesh, diameter: f64, thickness: f64, closed: bool, ph
             }
         }
     };
-    let [solid, bare] =
-        [skin, 0.0].map(|own| Solid::Convex(best.iter().map(|part| unit.back(enclosed(part, own))).collect()));
-    Fitted { solid, bare, deviation: best_deviation.max(farthest) * diameter }
+    let [solid, bare] = [skin, 0.0]
+        .map(|own| own.max(off / diameter))
+        .map(|own| Solid::Convex(best.iter().map(|part| unit.back(enclosed(part, own))).collect()));
+    Fitted { solid, bare, deviation: best_deviation.max(farthest) * diameter + off }
 }
 
 /// A convex part of a mesh, in the unit frame.
@@ -197,6 +210,8 @@ fn reduced(points: &[Vector], tolerance: f32) -> Vec<Vector> {
     let mut kept: Vec<usize> = axes.iter().flat_map(|&a| [extreme(a), extreme(-a)]).collect();
     kept.sort_unstable();
     kept.dedup();
+    // What is outside of a hull was so of each hull before: no distance grows, so that few are asked for again.
+    let mut bounds = vec![f32::INFINITY; points.len()];
     while kept.len() < SKETCH_POINTS.min(points.len()) {
         let corners: Vec<Vector> = kept.iter().map(|&i| points[i]).collect();
         let hull = Hull::new(&corners);
@@ -205,9 +220,19 @@ fn reduced(points: &[Vector], tolerance: f32) -> Vec<Vector> {
             // Flat so far.
             None => corners.iter().map(|c| c.distance(p)).fold(f32::INFINITY, f32::min),
         };
-        let far = (0..points.len()).map(|i| (i, outside(points[i]))).max_by(|a, b| a.1.total_cmp(&b.1));
+        // The last of the farthest; the most promising one first.
+        let mut far: Option<(f32, usize)> = None;
+        let first = (0..points.len()).max_by(|&a, &b| bounds[a].total_cmp(&bounds[b]));
+        for i in first.into_iter().chain(0..points.len()) {
+            if far.is_none_or(|(most, _)| bounds[i] >= most) {
+                bounds[i] = outside(points[i]);
+                if far.is_none_or(|found| (bounds[i], i) > found) {
+                    far = Some((bounds[i], i));
+                }
+            }
+        }
         match far {
-            Some((i, distance)) if distance > tolerance => kept.push(i),
+            Some((distance, i)) if distance > tolerance => kept.push(i),
             _ => break,
         }
     }
@@ -256,7 +281,15 @@ fn deviation(mesh: &EngineMesh, is_inside: impl Fn(Vector) -> bool, parts: &[Par
 /// Even-odd test along one fixed skew direction.
 fn mesh_contains(mesh: &EngineMesh, p: Vector) -> bool {
     let direction = Vector::new(0.5377, 0.7314, 0.4196);
-    let crossings = mesh.triangles().filter(|t| {
+    let inverse = direction.recip();
+    // The box, and a little more than rounding takes.
+    let may_cross = |node: &BvhNode| {
+        let (near, far) = ((node.mins() - p - BOX_ROUNDING) * inverse, (node.maxs() - p + BOX_ROUNDING) * inverse);
+        let (enters, leaves) = (near.max_element(), far.min_element());
+        leaves >= 0.0 && enters <= leaves
+    };
+    let crossings = mesh.bvh().leaves(may_cross).filter(|&i| {
+        let t = mesh.triangle(i);
         let (e1, e2, s) = (t.b - t.a, t.c - t.a, p - t.a);
         let h = direction.cross(e2);
         let det = e1.dot(h);
@@ -334,7 +367,8 @@ mod tests {
             let size = Size::of(&mesh);
             assert_eq!(size.closed, !is_open);
             let physics = &Params::new(Accuracy::Standard).physics;
-            let Fitted { solid, deviation, .. } = decompose(&mesh, size.diameter, size.extents.x, size.closed, physics);
+            let extent = Extent { diameter: size.diameter, thickness: size.extents.x, off: 0.0 };
+            let Fitted { solid, deviation, .. } = decompose(&mesh, extent, size.closed, physics);
             let Solid::Convex(parts) = &solid else { panic!("it is neither box nor ball") };
             assert!(deviation < 0.1 * size.diameter, "{deviation}");
             let unit = |p: DVec3| (p / size.diameter).as_vec3();

@@ -33,7 +33,7 @@ use std::sync::OnceLock;
 pub use convex::hull_mesh;
 pub use corners::corners;
 pub use fit::OrientedBox;
-pub use hull::Hull;
+pub use hull::{Facet, Hull};
 pub use kind::ShapeKind;
 pub use nest::NestingPose;
 pub use size::Size;
@@ -125,7 +125,7 @@ impl Shape {
         let mesh = &prop.model.mesh.outward();
         let Size { diameter, closed, .. } = size;
         let around = fit::oriented_box(mesh);
-        let Fitted { solid, bare, deviation } = choose::solid(mesh, &around, diameter, closed, physics);
+        let Fitted { solid, bare, deviation } = choose::solid(mesh, &around, &size, prop.mesh_deviation, physics);
         let own = if closed { mass::of_solid(mesh, size.has_parts) } else { mass::moments(mesh) };
         let solid_moments = solid.moments();
         let (moments, fallback) = match no_inside(closed, &own, mesh, solid_moments.volume) {
@@ -265,6 +265,15 @@ impl Solid {
         match self {
             Solid::Convex(parts) => parts.len(),
             _ => 1,
+        }
+    }
+
+    /// A box or a ball, this much larger on all sides, m.
+    fn larger(self, by: f64) -> Solid {
+        match self {
+            Solid::Box(b) => Solid::Box(OrientedBox { half: b.half + by, ..b }),
+            Solid::Ball { center, radius } => Solid::Ball { center, radius: radius + by },
+            convex => convex,
         }
     }
 
