@@ -37,7 +37,7 @@ pub const WORLD: &[&[&str]] = &[
 ];
 
 /// The layers of `cairn-statics`, lowest first.
-const STATICS: &[&[&str]] = &[&["local"], &["global"], &["glue"]];
+const STATICS: &[&[&str]] = &[&["local"], &["global"], &["glue", "limit"], &["removal"]];
 
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[
