@@ -17,6 +17,7 @@ const CORE: &[&[&str]] = &[
     &["sim"],
     &["stages"],
     &["report"],
+    &["analysis"],
 ];
 
 /// The layers inside `cairn_core::world`, lowest first. What the world's root file holds is for all of them.

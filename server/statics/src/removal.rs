@@ -14,7 +14,7 @@
 //! [`Outcome::Open`], which nobody should take for safe.
 //!
 //! That forces exist does not mean that they will act: see [`crate::limit`]. So a removal is called safe only if a share
-//! of friction suffices, [`Caution::friction`]; and it is called a fall only if all of it does not.
+//! of each contact's friction suffices; and it is called a fall only if all of it does not.
 
 use crate::global::{BALANCED, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
 use crate::limit::{self, Limit, LimitProblem, Load};
@@ -23,20 +23,8 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
-/// What must hold of a removal that is called safe.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Caution {
-    /// Friction counts by this factor, 0 to 1.
-    pub friction: f64,
-    /// The most bodies of a region.
-    pub largest_region: usize,
-}
-
-impl Default for Caution {
-    fn default() -> Self {
-        Caution { friction: 0.8, largest_region: 60 }
-    }
-}
+/// The most bodies of a region.
+pub const LARGEST_REGION: usize = 30;
 
 /// What becomes of the others.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,14 +45,16 @@ pub struct Removals<'a> {
     gone: Vec<bool>,
     /// Balance the bodies that are left, shape `[contact]`.
     forces: Vec<DVec3>,
+    /// Of each contact's friction: what may be used by bodies that are called safe, 0 to 1. Shape `[contact]`.
+    shares: Vec<f64>,
     analyser: Analyser,
     /// Programs solved.
     pub programs: u64,
 }
 
 impl<'a> Removals<'a> {
-    /// `forces`: a balance of the whole pile, shape `[contact]`.
-    pub fn new(pile: GlobalProblem<'a>, forces: Vec<DVec3>) -> Removals<'a> {
+    /// `forces`: a balance of the whole pile with these shares of friction, both of shape `[contact]`.
+    pub fn new(pile: GlobalProblem<'a>, forces: Vec<DVec3>, shares: Vec<f64>) -> Removals<'a> {
         let mut touching = vec![Vec::new(); pile.bodies.len()];
         for (index, contact) in pile.contacts.iter().enumerate() {
             touching[contact.body].push(index);
@@ -73,7 +63,7 @@ impl<'a> Removals<'a> {
             }
         }
         let gone = vec![false; pile.bodies.len()];
-        Removals { pile, touching, gone, forces, analyser: Analyser::new(), programs: 0 }
+        Removals { pile, touching, gone, forces, shares, analyser: Analyser::new(), programs: 0 }
     }
 
     /// Bodies that are left and touch this one, ascending.
@@ -106,7 +96,6 @@ impl<'a> Removals<'a> {
     pub fn without(
         &mut self,
         body: usize,
-        caution: &Caution,
         going: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Outcome, GlobalProblemError> {
         let neighbours = self.neighbours(body);
@@ -123,11 +112,11 @@ impl<'a> Removals<'a> {
             if going().is_break() {
                 return Ok(Outcome::Open);
             }
-            let inside = self.region(body, &region, caution.friction, true)?;
+            let inside = self.region(body, &region, true)?;
             if inside.limit.reaches(1.0) {
                 return Ok(Outcome::Safe { forces: inside.forces() });
             }
-            let outside = self.region(body, &region, 1.0, false)?;
+            let outside = self.region(body, &region, false)?;
             if outside.limit.falls_from < 1.0 - BALANCED.sqrt() {
                 return Ok(Outcome::Falls { moving: outside.limit.moving().map(|at| region[at]).collect() });
             }
@@ -136,7 +125,7 @@ impl<'a> Removals<'a> {
             wider.retain(|&member| member != body);
             wider.sort_unstable();
             wider.dedup();
-            if wider.len() == region.len() || wider.len() > caution.largest_region {
+            if wider.len() == region.len() || wider.len() > LARGEST_REGION {
                 return Ok(Outcome::Open);
             }
             region = wider;
@@ -165,13 +154,7 @@ impl<'a> Removals<'a> {
 
     /// The limit to which a body's forces on a region may be withdrawn. `is_closed`: forces from outside stay as they
     /// are; otherwise the outside is fixed.
-    fn region(
-        &mut self,
-        body: usize,
-        members: &[usize],
-        friction: f64,
-        is_closed: bool,
-    ) -> Result<Region, GlobalProblemError> {
+    fn region(&mut self, body: usize, members: &[usize], is_closed: bool) -> Result<Region, GlobalProblemError> {
         self.programs += 1;
         let number: BTreeMap<usize, usize> = members.iter().enumerate().map(|(k, &member)| (member, k)).collect();
         let bodies: Vec<GlobalBody> = members.iter().map(|&member| self.pile.bodies[member]).collect();
@@ -204,7 +187,7 @@ impl<'a> Removals<'a> {
                 }
                 continue;
             }
-            let friction = friction * c.friction;
+            let friction = c.friction * if is_closed { self.shares[at] } else { 1.0 };
             let contact = match inside {
                 [Some(body), other] => GlobalContact { body, other, friction, ..*c },
                 // Seen from the other side.

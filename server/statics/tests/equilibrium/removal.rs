@@ -3,13 +3,19 @@
 use crate::wall::face;
 use cairn_statics::global::{GlobalBody, GlobalContact, GlobalProblem};
 use cairn_statics::limit::{self, LimitProblem, Load};
-use cairn_statics::removal::{Caution, Outcome, Removals};
+use cairn_statics::removal::{Outcome, Removals};
 use glam::DVec3;
 use std::ops::ControlFlow;
 
 const GRAVITY: DVec3 = DVec3::new(0.0, -9.81, 0.0);
 
+/// The share of friction that a safe removal may use.
+const SHARE: f64 = 0.8;
+
 fn balanced(bodies: &[GlobalBody], contacts: &[GlobalContact]) -> Vec<DVec3> {
+    let contacts: Vec<GlobalContact> =
+        contacts.iter().map(|c| GlobalContact { friction: SHARE * c.friction, ..*c }).collect();
+    let contacts = &contacts;
     let (dead, live) = (vec![Load::default(); bodies.len()], limit::weights(bodies, GRAVITY));
     let gravity = GRAVITY.length();
     let limit = limit::find(&LimitProblem { bodies, contacts, gravity, dead: &dead, live: &live, most: 1.0 });
@@ -20,8 +26,8 @@ fn balanced(bodies: &[GlobalBody], contacts: &[GlobalContact]) -> Vec<DVec3> {
 
 fn without(bodies: &[GlobalBody], contacts: &[GlobalContact], body: usize) -> Outcome {
     let pile = GlobalProblem { bodies, contacts, gravity: GRAVITY };
-    let mut removals = Removals::new(pile, balanced(bodies, contacts));
-    removals.without(body, &Caution::default(), &mut || ControlFlow::Continue(())).expect("a valid pile")
+    let mut removals = Removals::new(pile, balanced(bodies, contacts), vec![SHARE; contacts.len()]);
+    removals.without(body, &mut || ControlFlow::Continue(())).expect("a valid pile")
 }
 
 fn is_safe(outcome: &Outcome) -> bool {
@@ -90,9 +96,9 @@ fn bricks_of_a_stair() {
 fn a_stair_comes_apart() {
     let (bodies, contacts) = stair(3, 3, 0.7);
     let pile = GlobalProblem { bodies: &bodies, contacts: &contacts, gravity: GRAVITY };
-    let mut removals = Removals::new(pile, balanced(&bodies, &contacts));
+    let mut removals = Removals::new(pile, balanced(&bodies, &contacts), vec![SHARE; contacts.len()]);
     for body in (0..bodies.len()).rev() {
-        let outcome = removals.without(body, &Caution::default(), &mut || ControlFlow::Continue(()));
+        let outcome = removals.without(body, &mut || ControlFlow::Continue(()));
         let Ok(Outcome::Safe { forces }) = outcome else { panic!("{body}: {outcome:?}") };
         removals.take(body, &forces);
         for left in 0..body {
