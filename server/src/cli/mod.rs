@@ -1,6 +1,7 @@
 //! The command line: one file per command, and shared parts.
 
 mod analyse;
+mod analysis_summary;
 mod bake;
 mod bakes;
 mod batch;
