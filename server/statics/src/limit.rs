@@ -39,13 +39,41 @@ use glam::DVec3;
 /// inverse of this are not found.
 pub const PRICE: f64 = 1e-6;
 
-/// Accuracy that is asked of Clarabel: a thousandth of what [`BALANCED`] allows.
-const TOLERANCE: f64 = 1e-8;
-/// Of its own corrections of each linear solve, which take most of its time: as many as this accuracy needs.
-const REFINEMENTS: u32 = 3;
-const REFINED: f64 = 1e-10;
-/// A program has been solved, or will not be, after so many iterations; twenty are usual.
-const MOST_ITERATIONS: u32 = 60;
+/// A motion does work with a load if it is more than this share of the load's weight: less is rounding.
+const WORKS: f64 = 1e-4;
+
+/// Accuracy that is asked of Clarabel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Accuracy {
+    /// As much as it has: for many bodies.
+    #[default]
+    Fine,
+    /// Half the time. What it leaves unbalanced is substituted all the same.
+    Fast,
+}
+
+impl Accuracy {
+    fn settings(self) -> DefaultSettings<f64> {
+        let usual = DefaultSettings { verbose: false, presolve_enable: false, max_threads: 1, ..Default::default() };
+        let of = |tolerance: f64| DefaultSettings {
+            tol_feas: tolerance,
+            tol_gap_abs: tolerance,
+            tol_gap_rel: tolerance,
+            ..usual.clone()
+        };
+        match self {
+            Accuracy::Fine => of(1e-9),
+            // Its own corrections of each linear solve take most of its time.
+            Accuracy::Fast => DefaultSettings {
+                iterative_refinement_max_iter: 3,
+                iterative_refinement_reltol: 1e-10,
+                iterative_refinement_abstol: 1e-10,
+                max_iter: 60,
+                ..of(1e-8)
+            },
+        }
+    }
+}
 
 /// A force, and a moment about the centre of mass.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -66,6 +94,7 @@ pub struct LimitProblem<'a> {
     pub live: &'a [Load],
     /// Larger factors are not sought.
     pub most: f64,
+    pub accuracy: Accuracy,
 }
 
 /// The limit, between its two proofs.
@@ -121,7 +150,7 @@ pub fn shake(bodies: &[GlobalBody], gravity: f64, way: DVec3) -> Vec<Load> {
 
 /// Finds the limit.
 pub fn find(problem: &LimitProblem) -> Result<Limit, GlobalProblemError> {
-    let &LimitProblem { bodies, contacts, gravity, dead, live, most } = problem;
+    let &LimitProblem { bodies, contacts, gravity, dead, live, most, accuracy } = problem;
     let pile = GlobalProblem { bodies, contacts, gravity: gravity * DVec3::NEG_Y };
     let program = BalanceProgram::new(&pile)?;
     let scaled = |loads: &[Load]| -> Vec<f64> {
@@ -163,21 +192,9 @@ pub fn find(problem: &LimitProblem) -> Result<Limit, GlobalProblemError> {
     cones.push(NonnegativeConeT(1));
     let q: Vec<f64> = dead.iter().zip(&live).map(|(d, l)| -d - most * l).collect();
     let matrix = CscMatrix::new_from_triplets(a.height, width, a.rows, a.columns, a.values);
-    let settings = DefaultSettings {
-        verbose: false,
-        presolve_enable: false,
-        tol_feas: TOLERANCE,
-        tol_gap_abs: TOLERANCE,
-        tol_gap_rel: TOLERANCE,
-        iterative_refinement_max_iter: REFINEMENTS,
-        iterative_refinement_reltol: REFINED,
-        iterative_refinement_abstol: REFINED,
-        max_iter: MOST_ITERATIONS,
-        max_threads: 1,
-        ..DefaultSettings::default()
-    };
-    let mut solver = DefaultSolver::new(&CscMatrix::zeros((width, width)), &q, &matrix, &rhs, &cones, settings)
-        .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
+    let mut solver =
+        DefaultSolver::new(&CscMatrix::zeros((width, width)), &q, &matrix, &rhs, &cones, accuracy.settings())
+            .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
     solver.solve();
     let factor = most - solver.solution.z.last().copied().unwrap_or(most);
     let found = if factor.is_finite() { factor.min(most) } else { 0.0 };
@@ -227,10 +244,10 @@ pub fn find(problem: &LimitProblem) -> Result<Limit, GlobalProblemError> {
         };
         let (of_dead, of_live) = (work(&dead), work(&live));
         // A motion that is all rounding proves nothing.
-        if of_live > TOLERANCE.sqrt() * worth {
+        if of_live > WORKS * worth {
             falls_from = (-of_dead - worst * normal_forces) / of_live;
             motion = v.iter().map(|(f, t)| (*f / fastest, *t / fastest)).collect();
-        } else if of_dead - most * of_live.abs() > TOLERANCE.sqrt() * worth {
+        } else if of_dead - most * of_live.abs() > WORKS * worth {
             falls_from = f64::NEG_INFINITY;
             motion = v.iter().map(|(f, t)| (*f / fastest, *t / fastest)).collect();
         }

@@ -17,11 +17,14 @@
 //! of each contact's friction suffices; and it is called a fall only if all of it does not.
 
 use crate::global::{BALANCED, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
-use crate::limit::{self, Limit, LimitProblem, Load};
+use crate::limit::{self, Accuracy, Limit, LimitProblem, Load};
 use crate::local::{Analyser, LocalContact, LocalProblem};
 use glam::DVec3;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
+
+/// A force that is less than this share of a neighbour's weight is a rounding.
+const NOTHING: f64 = 1e-8;
 
 /// The most bodies of a region.
 pub const LARGEST_REGION: usize = 30;
@@ -99,7 +102,7 @@ impl<'a> Removals<'a> {
         going: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<Outcome, GlobalProblemError> {
         let neighbours = self.neighbours(body);
-        if neighbours.is_empty() {
+        if self.carries_nothing(body) {
             return Ok(Outcome::Safe { forces: Vec::new() });
         }
         // The outside of a region of one body, in microseconds.
@@ -152,6 +155,30 @@ impl<'a> Removals<'a> {
         self.touching[body].iter().filter_map(contact)
     }
 
+    /// What the known forces leave unbalanced of a body.
+    fn left(&self, body: usize) -> Load {
+        let GlobalBody { mass, center_of_mass, .. } = self.pile.bodies[body];
+        let mut left = Load { force: mass * self.pile.gravity, moment: DVec3::ZERO };
+        for &at in &self.touching[body] {
+            let c = &self.pile.contacts[at];
+            let force = if c.body == body { self.forces[at] } else { -self.forces[at] };
+            left.force += force;
+            left.moment += (c.point - center_of_mass).cross(force);
+        }
+        left
+    }
+
+    /// Whether a body's forces on its neighbours are a rounding.
+    fn carries_nothing(&self, body: usize) -> bool {
+        let nothing = |&at: &usize| {
+            let c = &self.pile.contacts[at];
+            let other = if c.body == body { c.other } else { Some(c.body) };
+            let weight = |other: usize| self.pile.bodies[other].mass * self.pile.gravity.length();
+            other.is_none_or(|other| self.gone[other] || self.forces[at].length() <= NOTHING * weight(other))
+        };
+        self.touching[body].iter().all(nothing)
+    }
+
     /// The limit to which a body's forces on a region may be withdrawn. `is_closed`: forces from outside stay as they
     /// are; otherwise the outside is fixed.
     fn region(&mut self, body: usize, members: &[usize], is_closed: bool) -> Result<Region, GlobalProblemError> {
@@ -197,10 +224,17 @@ impl<'a> Removals<'a> {
             contacts.push(contact);
             places.push((at, if inside[0].is_some() { 1.0 } else { -1.0 }));
         }
+        // The known forces leave a rounding unbalanced, which a body whose contacts all lead outside could not bear.
+        for (k, &member) in members.iter().enumerate() {
+            let left = self.left(member);
+            dead[k].force -= left.force;
+            dead[k].moment -= left.moment;
+        }
         let gravity = self.pile.gravity.length();
-        let problem =
-            LimitProblem { bodies: &bodies, contacts: &contacts, gravity, dead: &dead, live: &live, most: 1.0 };
-        Ok(Region { limit: limit::find(&problem)?, places })
+        let (bodies, contacts, accuracy) = (&*bodies, &*contacts, Accuracy::Fast);
+        let problem = LimitProblem { bodies, contacts, gravity, dead: &dead, live: &live, most: 1.0, accuracy };
+        let limit = limit::find(&problem)?;
+        Ok(Region { limit, places })
     }
 }
 

@@ -4,7 +4,7 @@ use super::own::Own;
 use super::{Going, PileContacts};
 use crate::error::Error;
 use cairn_statics::global::{self, GlobalBody, GlobalContact, GlobalProblem, Objective};
-use cairn_statics::limit::{self, Limit, LimitProblem, Load};
+use cairn_statics::limit::{self, Accuracy, Limit, LimitProblem, Load};
 use glam::DVec3;
 
 /// A body falls that misses at least this share of what the one that misses most does, in its weight, and more than
@@ -70,7 +70,7 @@ impl Part {
 
     pub fn limit(&self, dead: &[Load], live: &[Load], most: f64) -> Result<Limit, Error> {
         let (bodies, contacts) = (&*self.part_bodies, &*self.part_contacts);
-        let problem = LimitProblem { bodies, contacts, gravity: 1.0, dead, live, most };
+        let problem = LimitProblem { bodies, contacts, gravity: 1.0, dead, live, most, accuracy: Accuracy::Fine };
         limit::find(&problem).map_err(|error| Error::Internal(error.to_string()))
     }
 }

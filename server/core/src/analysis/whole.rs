@@ -140,7 +140,7 @@ pub fn of(
         programs += 1;
         let way = own::way(k).0;
         let live = limit::shake(&part.part_bodies, 1.0, way);
-        let limit = part.limit(&dead, &live, MOST)?;
+        let limit = part.limit(&dead, &live, horizon.alone[k])?;
         if let Some(stands) = limit.stands_to {
             horizon.inner.push(stands * planar(way));
         }

@@ -2,7 +2,7 @@
 
 use crate::wall::face;
 use cairn_statics::global::{GlobalBody, GlobalContact};
-use cairn_statics::limit::{self, Limit, LimitProblem, Load};
+use cairn_statics::limit::{self, Accuracy, Limit, LimitProblem, Load};
 use glam::{DVec2, DVec3};
 
 const G: f64 = 9.81;
@@ -10,7 +10,8 @@ const G: f64 = 9.81;
 /// The tilt, as a tangent, at which a pile goes.
 pub fn tilt(bodies: &[GlobalBody], contacts: &[GlobalContact], way: DVec3) -> Limit {
     let (dead, live) = (limit::weights(bodies, G * DVec3::NEG_Y), limit::shake(bodies, G, way));
-    let problem = LimitProblem { bodies, contacts, gravity: G, dead: &dead, live: &live, most: 10.0 };
+    let problem =
+        LimitProblem { bodies, contacts, gravity: G, dead: &dead, live: &live, most: 10.0, accuracy: Accuracy::Fine };
     limit::find(&problem).expect("a valid pile")
 }
 
@@ -113,8 +114,15 @@ fn the_thinnest_arch() {
     let stands = |thickness: f64| {
         let (bodies, contacts) = arch(thickness, 60);
         let (dead, live) = (vec![Load::default(); bodies.len()], limit::weights(&bodies, G * DVec3::NEG_Y));
-        let problem =
-            LimitProblem { bodies: &bodies, contacts: &contacts, gravity: G, dead: &dead, live: &live, most: 1.0 };
+        let problem = LimitProblem {
+            bodies: &bodies,
+            contacts: &contacts,
+            gravity: G,
+            dead: &dead,
+            live: &live,
+            most: 1.0,
+            accuracy: Accuracy::Fine,
+        };
         let limit = limit::find(&problem).expect("a valid pile");
         let (stands, falls) = (limit.reaches(1.0), limit.falls_from < 0.5);
         assert!(stands != falls, "one of both is proven at {thickness}: {:?}, {}", limit.stands_to, limit.falls_from);

@@ -2,7 +2,7 @@
 
 use crate::wall::face;
 use cairn_statics::global::{GlobalBody, GlobalContact, GlobalProblem};
-use cairn_statics::limit::{self, LimitProblem, Load};
+use cairn_statics::limit::{self, Accuracy, LimitProblem, Load};
 use cairn_statics::removal::{Outcome, Removals};
 use glam::DVec3;
 use std::ops::ControlFlow;
@@ -18,7 +18,15 @@ fn balanced(bodies: &[GlobalBody], contacts: &[GlobalContact]) -> Vec<DVec3> {
     let contacts = &contacts;
     let (dead, live) = (vec![Load::default(); bodies.len()], limit::weights(bodies, GRAVITY));
     let gravity = GRAVITY.length();
-    let limit = limit::find(&LimitProblem { bodies, contacts, gravity, dead: &dead, live: &live, most: 1.0 });
+    let limit = limit::find(&LimitProblem {
+        bodies,
+        contacts,
+        gravity,
+        dead: &dead,
+        live: &live,
+        most: 1.0,
+        accuracy: Accuracy::Fine,
+    });
     let limit = limit.expect("a valid pile");
     assert!(limit.reaches(1.0), "{:?}", limit.stands_to);
     limit.forces
