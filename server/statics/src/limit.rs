@@ -31,7 +31,7 @@
 use crate::global::{BALANCED, BalanceProgram, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
 use crate::global::{Triplets, clip};
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
+use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver};
 use glam::DVec3;
 
@@ -146,6 +146,65 @@ pub fn weights(bodies: &[GlobalBody], gravity: DVec3) -> Vec<Load> {
 /// acceleration of the ground against it, in g, and the tangent of the angle by which the ground may be tilted.
 pub fn shake(bodies: &[GlobalBody], gravity: f64, way: DVec3) -> Vec<Load> {
     bodies.iter().map(|body| Load { force: body.mass * gravity * way, moment: DVec3::ZERO }).collect()
+}
+
+/// Of all forces that balance a pile, the smallest by the sum of squares, each in the weight of the contact's lighter
+/// body; and what they leave, the sum over the bodies, each relative to its weight. `None` where none were found. They
+/// load all contacts of a face alike, where the limit's own load as few as they can.
+pub fn evenly(pile: &GlobalProblem) -> Result<Option<(Vec<DVec3>, f64)>, GlobalProblemError> {
+    let program = BalanceProgram::new(pile)?;
+    let (bodies, width) = (pile.bodies.len(), 3 * program.links.len());
+    if width == 0 {
+        return Ok((bodies == 0).then(|| (Vec::new(), 0.0)));
+    }
+    let down = pile.gravity.normalize();
+    let mut a = Triplets::default();
+    let mut cones: Vec<SupportedConeT<f64>> = vec![ZeroConeT(6 * bodies)];
+    let mut rhs: Vec<f64> = (0..bodies).flat_map(|_| [down.x, down.y, down.z, 0.0, 0.0, 0.0]).collect();
+    for (i, link) in program.links.iter().enumerate() {
+        for end in &link.ends {
+            for (k, axis) in link.axes.iter().enumerate() {
+                let force = end.sign * end.scale * *axis;
+                let torque = end.lever.cross(force);
+                for m in 0..3 {
+                    a.push(6 * end.body + m, 3 * i + k, -force[m]);
+                    a.push(6 * end.body + 3 + m, 3 * i + k, -torque[m]);
+                }
+            }
+        }
+    }
+    a.height = 6 * bodies;
+    for (i, link) in program.links.iter().enumerate() {
+        let scales = [if link.mu > 0.0 { link.mu } else { 1.0 }, 1.0, 1.0];
+        (0..3).for_each(|k| a.push(a.height + k, 3 * i + k, -scales[k]));
+        a.height += 3;
+        match link.mu > 0.0 {
+            true => cones.push(SecondOrderConeT(3)),
+            false => cones.extend([NonnegativeConeT(1), ZeroConeT(2)]),
+        }
+    }
+    rhs.resize(a.height, 0.0);
+    let diagonal: Vec<usize> = (0..width).collect();
+    let p = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, vec![1.0; width]);
+    let matrix = CscMatrix::new_from_triplets(a.height, width, a.rows, a.columns, a.values);
+    let mut solver = DefaultSolver::new(&p, &vec![0.0; width], &matrix, &rhs, &cones, Accuracy::Fine.settings())
+        .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
+    solver.solve();
+    let mut left: Vec<(DVec3, DVec3)> = vec![(down, DVec3::ZERO); bodies];
+    let mut forces = Vec::with_capacity(program.links.len());
+    for (i, link) in program.links.iter().enumerate() {
+        let f = clip(&solver.solution.x[3 * i..3 * i + 3], link.mu);
+        let force = f[0] * link.axes[0] + f[1] * link.axes[1] + f[2] * link.axes[2];
+        for end in &link.ends {
+            let on_body = end.sign * end.scale * force;
+            left[end.body].0 += on_body;
+            left[end.body].1 += end.lever.cross(on_body);
+        }
+        forces.push(link.unit * force);
+    }
+    let imbalance: f64 = left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).sum();
+    let balanced = imbalance <= BALANCED * (bodies as f64 / 1000.0).max(1.0);
+    Ok(balanced.then_some((forces, imbalance)))
 }
 
 /// Finds the limit.

@@ -8,7 +8,9 @@
 //! - *Outside*: whatever touches the region from outside is held fixed, and may push as it likes. If even so no forces
 //!   balance the region, no forces balance the pile: something **falls**, and the proof's motion names what.
 //!
-//! Where neither proves anything, the region grows by its neighbours. Both looks are limit programs
+//! A body high up hands its weight down to the ground, through all that is below it: there the forces before are
+//! corrected, without a program (affine scaling, as for glue), which proves most of what is safe. Where nothing is proven,
+//! the region grows by its neighbours. Both looks are limit programs
 //! ([`crate::limit`]): the forces of the body are withdrawn by a share t, and the question is whether t reaches 1. So
 //! both have an answer at t = 0, and the share is a margin. What is still open in the largest region stays
 //! [`Outcome::Open`], which nobody should take for safe.
@@ -17,10 +19,11 @@
 //! of each contact's friction suffices; and it is called a fall only if all of it does not.
 
 use crate::global::{BALANCED, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
+use crate::glue::{self, GlueProblem, GlueSite};
 use crate::limit::{self, Accuracy, Limit, LimitProblem, Load};
 use crate::local::{Analyser, LocalContact, LocalProblem};
 use glam::DVec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 
 /// A force that is less than this share of a neighbour's weight is a rounding.
@@ -28,6 +31,17 @@ const NOTHING: f64 = 1e-8;
 
 /// The most bodies of a region.
 pub const LARGEST_REGION: usize = 30;
+/// The most bodies whose forces are corrected.
+const MOST_CORRECTED: usize = 400;
+/// Programs for all removals from a pile of one body; of more, a share: between these two. What is not settled then
+/// stays open.
+const PROGRAMS: u64 = 200_000;
+const LEAST_PROGRAMS: u64 = 200;
+const MOST_PROGRAMS: u64 = 3000;
+/// Neighbours of neighbours, so many times, are corrected wherever they are; beyond, only what is lower.
+const RINGS: usize = 3;
+/// A moment of a site counts as the force at this distance, in radii. It has no joint.
+const ARM: f64 = 0.25;
 
 /// What becomes of the others.
 #[derive(Clone, Debug, PartialEq)]
@@ -110,9 +124,13 @@ impl<'a> Removals<'a> {
         if !alone.is_empty() {
             return Ok(Outcome::Falls { moving: alone });
         }
+        if let Some(forces) = self.rebalanced(body, &neighbours, going) {
+            return Ok(Outcome::Safe { forces });
+        }
         let mut region = neighbours;
+        let most_programs = (PROGRAMS / self.gone.len() as u64).clamp(LEAST_PROGRAMS, MOST_PROGRAMS);
         loop {
-            if going().is_break() {
+            if going().is_break() || self.programs >= most_programs {
                 return Ok(Outcome::Open);
             }
             let inside = self.region(body, &region, true)?;
@@ -153,6 +171,71 @@ impl<'a> Removals<'a> {
             is_there.then_some((LocalContact { point: c.point, normal, friction: c.friction }, other))
         };
         self.touching[body].iter().filter_map(contact)
+    }
+
+    /// Forces without the body, corrected from those with it: of its neighbours, and of all that is below these.
+    fn rebalanced(
+        &self,
+        body: usize,
+        neighbours: &[usize],
+        going: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Option<Vec<(usize, DVec3)>> {
+        let depth = |one: usize| self.pile.bodies[one].center_of_mass.dot(self.pile.gravity);
+        let mut members = neighbours.to_vec();
+        let mut seen: BTreeSet<usize> = members.iter().copied().chain([body]).collect();
+        let (mut at, mut ring) = (0, (0, members.len()));
+        while at < members.len() && members.len() < MOST_CORRECTED {
+            if at == ring.1 {
+                ring = (ring.0 + 1, members.len());
+            }
+            let one = members[at];
+            let joins = |other: usize| ring.0 < RINGS || depth(other) > depth(one);
+            members.extend(self.neighbours(one).into_iter().filter(|&other| joins(other) && seen.insert(other)));
+            at += 1;
+        }
+        members.sort_unstable();
+        let number: BTreeMap<usize, usize> = members.iter().enumerate().map(|(k, &member)| (member, k)).collect();
+        let bodies: Vec<GlobalBody> = members.iter().map(|&member| self.pile.bodies[member]).collect();
+        let mut loads = vec![Load::default(); bodies.len()];
+        let mut touching: Vec<usize> =
+            members.iter().flat_map(|&member| self.touching[member].iter().copied()).collect();
+        touching.sort_unstable();
+        touching.dedup();
+        let (mut contacts, mut places, mut sites): (Vec<GlobalContact>, Vec<usize>, Vec<GlueSite>) = Default::default();
+        for at in touching {
+            let c = &self.pile.contacts[at];
+            let ends = [Some(c.body), c.other];
+            if ends.contains(&Some(body)) || ends.iter().flatten().any(|&end| self.gone[end]) {
+                continue;
+            }
+            let inside = ends.map(|end| end.and_then(|end| number.get(&end).copied()));
+            if let ([Some(first), other], true) = (inside, c.other.is_none() || inside[1].is_some()) {
+                match sites.last_mut() {
+                    Some(last) if (last.body, last.other) == (first, other) => last.contacts.end += 1,
+                    _ => sites.push(GlueSite {
+                        body: first,
+                        other,
+                        contacts: contacts.len()..contacts.len() + 1,
+                        center: c.point,
+                        arm: ARM * bodies[first].radius,
+                        may_glue: false,
+                        normal_price: 0.0,
+                    }),
+                }
+                contacts.push(GlobalContact { body: first, other, friction: self.shares[at] * c.friction, ..*c });
+                places.push(at);
+                continue;
+            }
+            for (k, sign) in inside.into_iter().zip([1.0, -1.0]).filter_map(|(k, sign)| Some((k?, sign))) {
+                let force = sign * self.forces[at];
+                loads[k].force += force;
+                loads[k].moment += (c.point - bodies[k].center_of_mass).cross(force);
+            }
+        }
+        let problem = GlueProblem { bodies: &bodies, contacts: &contacts, sites: &sites, gravity: self.pile.gravity };
+        let forces: Vec<DVec3> = places.iter().map(|&at| self.forces[at]).collect();
+        let (forces, imbalance) = glue::rebalance(&problem, &loads, &forces, going).ok()?;
+        (imbalance <= BALANCED).then(|| places.into_iter().zip(forces).collect())
     }
 
     /// What the known forces leave unbalanced of a body.

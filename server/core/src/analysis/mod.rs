@@ -132,7 +132,7 @@ pub struct PileAnalysis {
     pub order: Vec<usize>,
     /// Bodies for which no such order was found: at some point of it, whichever goes, others fall or may fall.
     pub stuck: Vec<usize>,
-    /// `None` where it was not asked, or where some body falls.
+    /// Of the bodies that stand; `None` where it was not asked, or where none does.
     pub whole: Option<WholePile>,
     /// Glue dots with which it stands, if some body falls.
     pub mending: Vec<MendingDot>,
@@ -215,7 +215,7 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
         stuck = apart.stuck.iter().map(|&k| pile.ids[k]).collect();
     }
     let stands = !found.falls.contains(&true);
-    let whole = match options.whole && stands && !pile.bodies.is_empty() {
+    let whole = match options.whole && found.falls.contains(&false) {
         true => Some(whole::of(&pile, &found, &own, &bodies, &mut going)?),
         false => None,
     };

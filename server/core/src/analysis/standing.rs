@@ -108,8 +108,14 @@ pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Re
         found.programs += 1;
         let limit = part.bears()?;
         if limit.reaches(1.0) {
-            part.contacts.iter().zip(&limit.forces).for_each(|(&at, &force)| found.forces[at] = force);
-            (found.imbalance, found.shares) = (limit.imbalance, shares.clone());
+            // Forces that load all contacts alike leave room for what comes next.
+            found.programs += 1;
+            let rest =
+                GlobalProblem { bodies: &part.part_bodies, contacts: &part.part_contacts, gravity: DVec3::NEG_Y };
+            let even = limit::evenly(&rest).map_err(|error| Error::Internal(error.to_string()))?;
+            let (forces, imbalance) = even.unwrap_or((limit.forces, limit.imbalance));
+            part.contacts.iter().zip(&forces).for_each(|(&at, &force)| found.forces[at] = force);
+            (found.imbalance, found.shares) = (imbalance, shares.clone());
             return Ok(found);
         }
         if step + 1 < steps.len() {

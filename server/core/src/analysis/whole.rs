@@ -18,7 +18,7 @@ const MOST: f64 = own::MOST_PUSH;
 /// Bounds on a tilt that are no farther apart need no more programs, degrees.
 const NEAR: f64 = 0.5;
 /// Programs for tilts: as many as directions for a small pile, and no less than this for a large one.
-const LEAST_PROGRAMS: usize = 3;
+const LEAST_PROGRAMS: usize = 2;
 /// Bodies times programs, about: an analysis has a time that grows with the pile, not with its square.
 const WORK: usize = 3000;
 /// Halvings between shares of friction.
@@ -101,7 +101,7 @@ fn planar(way: DVec3) -> DVec2 {
     DVec2::new(way.x, way.z)
 }
 
-/// Looks for the limits of a pile that stands.
+/// Looks for the limits of the bodies that stand.
 pub fn of(
     pile: &PileContacts,
     found: &Found,
@@ -115,7 +115,8 @@ pub fn of(
     let mut horizon = Horizon { alone: [MOST; AZIMUTHS], inner: Vec::new(), lines: Vec::new() };
     // A body that moves even while its neighbours are held bounds the whole.
     for (k, most) in horizon.alone.iter_mut().enumerate() {
-        let pushes = own.iter().filter_map(|own| own.pushes.get(k)).map(|push| push * (1.0 + 2.0 * SLACK));
+        let pushes = part.bodies.iter().filter_map(|&body| own[body].pushes.get(k));
+        let pushes = pushes.map(|push| push * (1.0 + 2.0 * SLACK));
         *most = pushes.fold(MOST, f64::min);
     }
     let mut programs = 0;
@@ -167,7 +168,8 @@ pub fn of(
     let tilt = [least(|tilt| tilt.stands_to), least(|tilt| tilt.falls_from)];
     let azimuth = tilts.iter().find(|one| one.falls_from <= tilt[1]).map_or(0.0, |one| one.azimuth);
     let margin = |&id: &usize| bodies[id].least_push.unwrap_or(f64::INFINITY);
-    let weakest = pile.ids.iter().copied().min_by(|a, b| margin(a).total_cmp(&margin(b)).then(a.cmp(b)));
+    let standing = part.bodies.iter().map(|&body| pile.ids[body]);
+    let weakest = standing.min_by(|a, b| margin(a).total_cmp(&margin(b)).then(a.cmp(b)));
     let (friction, solved) = friction(pile, found, bodies, going)?;
     Ok(WholePile {
         tilt,
@@ -189,7 +191,8 @@ fn friction(
     going: &mut Going,
 ) -> Result<([f64; 2], u64), Error> {
     // What a body needs even while its neighbours are held, the whole needs.
-    let alone = pile.ids.iter().filter_map(|&id| bodies[id].least_friction).fold(0.0, f64::max);
+    let standing = (0..pile.ids.len()).filter(|&body| !found.falls[body]);
+    let alone = standing.filter_map(|body| bodies[pile.ids[body]].least_friction).fold(0.0, f64::max);
     let used = found.shares.iter().copied().fold(0.0, f64::max);
     let (mut low, mut high) = ((alone - 0.5_f64.powi(10)).max(0.0), used.max(alone));
     let most = (WORK / 2 / pile.bodies.len().max(1)).clamp(1, HALVINGS);

@@ -223,6 +223,19 @@ impl<'a> GlueProgram<'a> {
         state
     }
 
+    /// A state of these contact forces, each cut back to its friction, and of no joints.
+    pub fn state_of_contacts(&self, forces: &[DVec3]) -> GlueForces {
+        let mut state = self.empty_state();
+        for site in &self.sites {
+            for at in site.contacts.clone() {
+                let SiteContact { axes, friction, .. } = &self.contacts[at];
+                let along = axes.tr_mul(&vector(forces[at])) / site.unit;
+                state.contacts[at] = super::admm::onto_cone(along, 0.0, *friction);
+            }
+        }
+        state
+    }
+
     /// The contact forces of a state, in the pile's units and axes.
     pub fn forces(&self, state: &GlueForces) -> Vec<DVec3> {
         let contacts = self.sites.iter().flat_map(|site| site.contacts.clone().map(|at| (at, site.unit)));

@@ -63,7 +63,7 @@ fn a_plank_on_three_posts() {
 }
 
 /// Courses of bricks, each with one less than the one below, half a brick to the right of it.
-fn stair(courses: usize, bricks: usize, friction: f64) -> (Vec<GlobalBody>, Vec<GlobalContact>) {
+pub fn stair(courses: usize, bricks: usize, friction: f64) -> (Vec<GlobalBody>, Vec<GlobalContact>) {
     let (mut bodies, mut contacts) = (Vec::new(), Vec::new());
     for row in 0..courses {
         for k in 0..bricks - row {
