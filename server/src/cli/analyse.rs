@@ -55,8 +55,8 @@ pub struct Args {
     #[arg(long, value_name = "NUMBER", value_parser = positive)]
     density: Option<f64>,
 
-    /// Height of the ground, m [default: as the pile was baked, or else 0 if the lowest body stands about there, or else
-    /// its lowest point]
+    /// Height of the ground, m [default: as the pile was baked, or else 0 if the lowest body or scenery stands about
+    /// there, or else its lowest point]
     #[arg(long, value_name = "METERS", value_parser = number, allow_negative_numbers = true, conflicts_with = "no_ground")]
     ground: Option<f64>,
 

@@ -22,7 +22,8 @@ pub struct Selection {
     /// For all bodies; `None`: as the result of a bake says, or else 0.7 and 1000 kg/m^3.
     pub friction: Option<f64>,
     pub density: Option<f64>,
-    /// Height of the ground, m; `None`: 0 where the lowest body stands about there, else its lowest point.
+    /// Height of the ground, m; `None`: 0 where the lowest body or piece of scenery stands about there, else its lowest
+    /// point.
     pub ground: Option<f64>,
     /// There is no ground, only scenery.
     pub no_ground: bool,
@@ -71,7 +72,7 @@ pub enum NoBodies {
 
 /// Bodies farther from the origin than this are taken for a mistake, m.
 const FARTHEST: f64 = 1e9;
-/// The lowest body stands at height 0 if its lowest point is no farther from it than this, in the scene's extent.
+/// The lowest thing stands at height 0 if its lowest point is no farther from it than this, in the scene's extent.
 const ABOUT: f64 = 0.01;
 /// A stretched rotation whose axes are no more oblique than this is one without shear.
 const OBLIQUE: f64 = 1e-4;
@@ -315,6 +316,8 @@ fn to_scene(
         if mesh.triangles.is_empty() {
             continue;
         }
+        let (from, to) = mesh.bounds();
+        (low, high) = (low.min(from), high.max(to));
         let model = Model::new(piece.name.clone(), mesh);
         scene.statics.push(StaticModel { model, friction: params.ground_friction, keys: Vec::new() });
         kept_scenery.push(piece);
