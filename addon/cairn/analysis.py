@@ -23,13 +23,13 @@ FIGURES, BEFORE = "cairn_analysis", "cairn_color_before"
 LONGEST = 300
 
 GREEN, YELLOW, ORANGE, RED = (0.03, 0.30, 0.08, 1), (0.85, 0.60, 0.05, 1), (0.80, 0.18, 0.02, 1), (0.60, 0.01, 0.01, 1)
-LOADS = [(0.06, 0.0, 0.09, 1), (0.04, 0.09, 0.26, 1), (0.02, 0.28, 0.26, 1), (0.12, 0.58, 0.12, 1), (0.98, 0.80, 0.02, 1)]
+LOADS = [(0.06, 0.0, 0.09, 1), (0.04, 0.09, 0.26, 1), (0.02, 0.28, 0.26, 1), (0.12, 0.58, 0.12, 1), YELLOW]
 MARGINS = [RED, YELLOW, GREEN]
 # A push of this share of its weight is a large margin.
 LARGE = 0.5
 
 SHOWN = [
-    ("REMOVAL", "May Be Removed", "Green: the others stand without it. Red: something falls. Yellow: neither is proven"),
+    ("REMOVAL", "May Be Removed", "Green: the others stand without it. Red: something falls. Yellow: not proven"),
     ("LOAD", "Load", "From dark, which carries nothing, to yellow, which carries most"),
     ("MARGIN", "Margin", "Red: a touch moves it. Green: it bears a push of half its weight or more"),
     ("STANDING", "Stands", "Green: it stands. Red: it falls. Orange: it falls together with others"),
@@ -127,11 +127,11 @@ def analyse(context, sources):
     return json.loads(done.stdout)
 
 
-def keep(sources, told):
+def keep(sources, answers):
     """Writes the figures of each body to its object, with names in place of numbers."""
     names = [source.name for source in sources]
-    most = max((body["load"] for body in told["bodies"]), default=0.0)
-    for source, body in zip(sources, told["bodies"], strict=True):
+    most = max((body["load"] for body in answers["bodies"]), default=0.0)
+    for source, body in zip(sources, answers["bodies"], strict=True):
         body = {**body, "name": source.name, "share": body["load"] / most if most else 0.0}
         for key in ("carries", "rests_on_it"):
             body[key] = [names[number] for number in body[key]]
@@ -185,21 +185,23 @@ class CAIRN_OT_analyze(Operator):
             sources = bodies(context)
             if not sources:
                 raise Fault("Select the objects to analyze, such as the things on a table.")
-            told = analyse(context, sources)
+            answers = analyse(context, sources)
             clear(context.scene)
-            keep(sources, told)
+            keep(sources, answers)
             paint(context.scene, self.shown)
-            self.report({"INFO"}, summary(sources, told))
+            self.report({"INFO"}, summary(sources, answers))
             return {"FINISHED"}
         return {"CANCELLED"}
 
 
-def summary(sources, told):
-    falling = [source.name for source, body in zip(sources, told["bodies"], strict=True) if "falls" in body["standing"]]
+def summary(sources, answers):
+    falling = [
+        source.name for source, body in zip(sources, answers["bodies"], strict=True) if "falls" in body["standing"]
+    ]
     if falling:
         return f"{len(falling)} of {len(sources)} objects fall: {', '.join(falling[:5])}"
-    safe = sum(bool(body["removal"] and body["removal"]["is_safe"]) for body in told["bodies"])
-    tilt = told["whole"]["tilt"][1] if told["whole"] else 0.0
+    safe = sum(bool(body["removal"] and body["removal"]["is_safe"]) for body in answers["bodies"])
+    tilt = answers["whole"]["tilt"][1] if answers["whole"] else 0.0
     return f"All {len(sources)} objects stand; {safe} may be removed; they go at a tilt of {tilt:.1f}°"
 
 

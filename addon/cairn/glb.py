@@ -15,7 +15,7 @@ def write(name, vertices, triangles):
 
 
 def write_nodes(meshes, nodes):
-    """The bytes of a .glb of these meshes, as (vertices, triangles), each with the name of the first node that has it."""
+    """The bytes of a .glb of these nodes and meshes (vertices, triangles); a mesh has its first node's name."""
     data, views, accessors, described = bytearray(), [], [], []
     for number, (vertices, triangles) in enumerate(meshes):
         vertices = np.ascontiguousarray(vertices, "<f4")

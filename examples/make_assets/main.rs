@@ -1,7 +1,7 @@
 //! Writes the example props and control meshes: `cargo run --release --example make_assets [FOLDER]`.
 //!
-//! Metres, Y up, base at y = 0, centred above the origin. Every mesh is closed and faces outward. In the folder `stacks`:
-//! several things in one file, as they stand.
+//! Metres, Y up, base at y = 0, centred above the origin. Every mesh is closed and faces outward. In the folder
+//! `stacks`: several things in one file, as they stand.
 
 mod asset;
 mod file;

@@ -62,9 +62,10 @@ def analyse(
 ) -> dict[str, Any]:
     """What holds what in a glTF or USD file whose nodes are bodies: the answers of `cairn analyse --json`.
 
-    `scenery`, `without`: names of nodes that stand still, and of nodes that are left out; a name that ends in `*` stands
-    for all that begin so. `friction`: Coulomb's coefficient. `density`: kg/m^3. `ground`: its height, m. `safety`: a body
-    is safe to remove if the others stand with this share of their friction. None: as the program does by default.
+    `scenery`, `without`: names of nodes that stand still, and of nodes that are left out; a name that ends in `*`
+    stands for all that begin so. `friction`: Coulomb's coefficient. `density`: kg/m^3. `ground`: its height, m.
+    `safety`: a body is safe to remove if the others stand with this share of their friction. None: as the program does
+    by default.
     """
     command = [str(program()), "analyse", os.fspath(pile), "--json"]
     for flag, names in (("--scenery", scenery), ("--without", without)):

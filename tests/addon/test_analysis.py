@@ -23,15 +23,18 @@ def test_colors_and_words(stack, addon):
     analysis = addon("analysis")
     stack["board"].color = (0.1, 0.2, 0.3, 1)
     assert bpy.ops.cairn.analyze(shown="REMOVAL") == {"FINISHED"}
-    told = {name: analysis.figures(source) for name, source in stack.items()}
-    assert all(body["standing"] == "stands" for body in told.values())
-    assert told["table"]["rests_on_it"] == ["block", "board"] or told["table"]["rests_on_it"] == ["board", "block"]
-    assert not told["block"]["removal"]["is_safe"] and told["block"]["removal"]["moving"] == ["board"]
+    answers = {name: analysis.figures(source) for name, source in stack.items()}
+    assert all(body["standing"] == "stands" for body in answers.values())
+    assert answers["table"]["rests_on_it"] == ["block", "board"] or answers["table"]["rests_on_it"] == [
+        "board",
+        "block",
+    ]
+    assert not answers["block"]["removal"]["is_safe"] and answers["block"]["removal"]["moving"] == ["board"]
     assert tuple(stack["block"].color) == pytest.approx(analysis.RED)
-    said = " ".join(analysis.lines(told["block"]))
+    said = " ".join(analysis.lines(answers["block"]))
     assert "“block” stands." in said and "Without it, these begin to fall: board." in said
     # Carried mass: 1 x .3 x .05 and .2 x .2 x .4 m of 1000 kg/m^3.
-    assert told["table"]["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81, rel=1e-3)
+    assert answers["table"]["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81, rel=1e-3)
     for shown in ("LOAD", "MARGIN", "STANDING"):
         assert bpy.ops.cairn.analyze(shown=shown) == {"FINISHED"}
     assert bpy.ops.cairn.clear_analysis() == {"FINISHED"}
@@ -57,8 +60,8 @@ def test_colliders_are_scenery(stack, addon):
 def test_units_of_the_scene(stack, addon):
     bpy.context.scene.unit_settings.scale_length = 0.01
     assert bpy.ops.cairn.analyze() == {"FINISHED"}
-    told = addon("analysis").figures(stack["table"])
-    assert told["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81 * 1e-6, rel=1e-3)
+    answers = addon("analysis").figures(stack["table"])
+    assert answers["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81 * 1e-6, rel=1e-3)
 
 
 def test_nothing_selected(addon):

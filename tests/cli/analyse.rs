@@ -36,8 +36,8 @@ fn a_tower_of_three() {
     let printed = desk.line("analyse tower.glb --friction 0.5 -o colors.glb --picture a.png --graph a.dot");
     assert!(printed.stderr.contains("nodes without triangles are no bodies: wire"), "{}", printed.stderr);
     assert!(printed.ok().contains("3 bodies, 3 touches: all stand"));
-    let told = analysed(&desk, "analyse tower.glb --friction 0.5 --json");
-    let bodies = told["bodies"].as_array().unwrap();
+    let answers = analysed(&desk, "analyse tower.glb --friction 0.5 --json");
+    let bodies = answers["bodies"].as_array().unwrap();
     let weight = 0.4 * 0.2 * 0.4 * 1000.0 * 9.81;
     for (body, (name, above)) in bodies.iter().zip([("low", 2), ("middle", 1), ("top", 0)]) {
         assert_eq!((&body["name"], &body["standing"]), (&json!(name), &json!("stands")));
@@ -46,16 +46,16 @@ fn a_tower_of_three() {
         assert_eq!(body["removal"]["is_safe"], json!(above == 0), "{name}");
     }
     assert_eq!(bodies[0]["removal"]["moving"], json!([1]));
-    assert_eq!(told["order"], json!([2, 1, 0]));
-    assert_eq!(told["stuck"], json!([]));
+    assert_eq!(answers["order"], json!([2, 1, 0]));
+    assert_eq!(answers["stuck"], json!([]));
     // The upper two tip over the edge of the lowest: their centre is 0.075 off, at a height of 0.2, so that toward +X
     // the edge is 0.125 away: 0.625, more than the friction of 0.5. So all slides, at its angle.
-    let whole = &told["whole"];
+    let whole = &answers["whole"];
     let tilt = 0.5f64.atan().to_degrees();
     assert!(number(&whole["tilt"][0]) <= tilt + 0.1 && number(&whole["tilt"][1]) >= tilt - 0.1, "{}", whole["tilt"]);
     // More friction, and it tips at 0.625.
-    let told = analysed(&desk, "analyse tower.glb --friction 0.9 --json");
-    let whole = &told["whole"];
+    let answers = analysed(&desk, "analyse tower.glb --friction 0.9 --json");
+    let whole = &answers["whole"];
     let tilt = 0.625f64.atan().to_degrees();
     assert!(number(&whole["tilt"][0]) <= tilt + 0.1 && number(&whole["tilt"][1]) >= tilt - 0.1, "{}", whole["tilt"]);
     assert!(number(&whole["tilt"][1]) - number(&whole["tilt"][0]) < 1.0, "{}", whole["tilt"]);
@@ -72,15 +72,15 @@ fn a_tower_of_three() {
 fn an_arm_that_only_touches_is_glued() {
     let desk = Desk::new();
     desk.write("arm.glb", pile(&[("low", [0.0, 0.1, 0.0]), ("far", [0.3, 0.3, 0.0]), ("lost", [2.0, 2.0, 0.0])]));
-    let told = analysed(&desk, "analyse arm.glb --json");
-    let standing: Vec<&Value> = told["bodies"].as_array().unwrap().iter().map(|body| &body["standing"]).collect();
+    let answers = analysed(&desk, "analyse arm.glb --json");
+    let standing: Vec<&Value> = answers["bodies"].as_array().unwrap().iter().map(|body| &body["standing"]).collect();
     assert_eq!(standing, [&json!("stands"), &json!("falls_alone"), &json!("falls_alone")]);
-    assert_eq!((&told["stands"], &told["beyond_mending"]), (&json!(false), &json!([2])));
-    let dots = told["mending"].as_array().unwrap();
+    assert_eq!((&answers["stands"], &answers["beyond_glue"]), (&json!(false), &json!([2])));
+    let dots = answers["glue"].as_array().unwrap();
     assert_eq!((dots.len(), &dots[0]["body"], &dots[0]["other"]), (1, &json!(0), &json!(1)));
     // What hangs over stands on scenery; what is left out is not there.
-    let told = analysed(&desk, "analyse arm.glb --json --scenery far --without lost");
-    assert_eq!((told["bodies"].as_array().unwrap().len(), &told["stands"]), (1, &json!(true)));
+    let answers = analysed(&desk, "analyse arm.glb --json --scenery far --without lost");
+    assert_eq!((answers["bodies"].as_array().unwrap().len(), &answers["stands"]), (1, &json!(true)));
     let failed = desk.line("analyse arm.glb --without 'lost' --scenery Nobody --picture a.jpg");
     failed.fails(2, &["--picture: not the name of a picture", "Use the extension .png"]);
     desk.line("analyse arm.glb -o arm.gltf").fails(2, &["--output: not the name of a .glb"]);
@@ -105,9 +105,13 @@ fn a_result_is_known() {
     desk.write("pile.glb", glb(&document, &box_data([0.4, 0.2, 0.4])));
     let done = desk.line("analyse pile.glb --json");
     assert!(done.stderr.contains("the pile is glued; it is analysed as if it had no glue"), "{}", done.stderr);
-    let told: Value = serde_json::from_str(&done.ok()).unwrap();
-    let bodies = told["bodies"].as_array().unwrap();
+    let answers: Value = serde_json::from_str(&done.ok()).unwrap();
+    let bodies = answers["bodies"].as_array().unwrap();
     assert_eq!(bodies.len(), 2);
     assert!((number(&bodies[0]["load"]) - 0.2 * 0.2 * 0.2 * 500.0 * 3.7).abs() < 1e-3, "{}", bodies[0]["load"]);
-    assert!((number(&told["whole"]["tilt"][1]) - 0.3f64.atan().to_degrees()).abs() < 0.1, "{}", told["whole"]["tilt"]);
+    assert!(
+        (number(&answers["whole"]["tilt"][1]) - 0.3f64.atan().to_degrees()).abs() < 0.1,
+        "{}",
+        answers["whole"]["tilt"]
+    );
 }

@@ -171,11 +171,11 @@ def test_both_clients_have_the_same_calls():
         assert list(ours.parameters) == list(theirs.parameters), name
 
 
-def test_an_analysis_tells_what_holds_what(tmp_path):
+def test_what_holds_what(tmp_path):
     table = "assets/stacks/table.glb"
-    told = cairn.analyse(table, scenery=["table"])
-    bodies = {body["name"]: body for body in told["bodies"]}
-    assert told["stands"] and bodies["bread"]["removal"]["is_safe"]
+    answers = cairn.analyse(table, scenery=["table"])
+    bodies = {body["name"]: body for body in answers["bodies"]}
+    assert answers["stands"] and bodies["bread"]["removal"]["is_safe"]
     assert not bodies["jug"]["removal"]["is_safe"], "it holds the board down"
     assert cairn.analyse(table, scenery=["table"], without=["jug"])["stands"] is False
     with pytest.raises(cairn.Fault, match="no node has the name"):

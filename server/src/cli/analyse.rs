@@ -17,13 +17,13 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Tells what holds what in a pile, and what may be taken away
+/// Reports what holds what in a pile, and what may be taken away
 ///
 /// Each node of the file is a rigid body, as it stands: of a result of Cairn the bodies of its pile, of any other file
 /// the topmost nodes with a mesh. Nothing is simulated: every answer has a proof, forces or a motion, that is put into
 /// the equations. For each body: whether it stands, what it carries, what rests on it, how far it is from moving, and
-/// whether it may be removed. For the whole: the tilt, the shake and the friction at which it goes, an order in which it
-/// comes apart, and where glue is needed if it does not stand.
+/// whether it may be removed. For the whole: the tilt, the shake and the friction at which it goes, an order in which
+/// it comes apart, and where glue is needed if it does not stand.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -39,7 +39,8 @@ pub struct Args {
     #[arg(value_name = "PILE")]
     pile: PathBuf,
 
-    /// Node that stands still, with all below it; a name that ends in * stands for all that begin so. Repeat it for more
+    /// Node that stands still, with all below it; a name that ends in * stands for all that begin so. Repeat it for
+    /// more
     #[arg(long, value_name = "NODE")]
     scenery: Vec<String>,
 
@@ -57,7 +58,8 @@ pub struct Args {
 
     /// Height of the ground, m [default: as the pile was baked, or else 0 if the lowest body or scenery stands about
     /// there, or else its lowest point]
-    #[arg(long, value_name = "METERS", value_parser = number, allow_negative_numbers = true, conflicts_with = "no_ground")]
+    #[arg(long, value_name = "METERS", value_parser = number, allow_negative_numbers = true)]
+    #[arg(conflicts_with = "no_ground")]
     ground: Option<f64>,
 
     /// There is no ground, only scenery
@@ -69,7 +71,8 @@ pub struct Args {
     time: Option<f64>,
 
     /// A body is safe to remove if the others stand with this share of their friction, 0 to 1
-    #[arg(long, value_name = "SHARE", default_value_t = AnalysisOptions::default().friction_share, value_parser = share)]
+    #[arg(long, value_name = "SHARE", value_parser = share)]
+    #[arg(default_value_t = AnalysisOptions::default().friction_share)]
     safety: f64,
 
     /// Print all answers as JSON

@@ -2,7 +2,7 @@
 
 use super::table;
 use crate::model::analysis::FoundPile;
-use cairn_core::analysis::{AnalysedBody, MendingDot, PileAnalysis, Standing};
+use cairn_core::analysis::{AnalysedBody, NeededDot, PileAnalysis, Standing};
 
 /// The answers as text: the whole, then the bodies that carry most.
 pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {
@@ -51,16 +51,16 @@ pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {
             names(&found.stuck)
         ),
     });
-    if !found.mending.is_empty() {
-        let dot = |dot: &MendingDot| {
+    if !found.glue.is_empty() {
+        let dot = |dot: &NeededDot| {
             let other = dot.other.as_ref().map_or("the ground", |other| name(other));
             format!("{} to {other} ({:.3} N)", name(&dot.body), dot.force)
         };
-        let dots: Vec<String> = found.mending.iter().map(dot).collect();
+        let dots: Vec<String> = found.glue.iter().map(dot).collect();
         lines.push(format!("stands with {} dots of glue: {}", dots.len(), dots.join(", ")));
     }
-    if !found.beyond_mending.is_empty() {
-        lines.push(format!("touch nothing that is held: {}", names(&found.beyond_mending)));
+    if !found.beyond_glue.is_empty() {
+        lines.push(format!("touch nothing that is held: {}", names(&found.beyond_glue)));
     }
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| found.bodies[b].load.total_cmp(&found.bodies[a].load).then(a.cmp(&b)));

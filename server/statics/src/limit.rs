@@ -2,8 +2,8 @@
 //!
 //! # Formulation
 //!
-//! Each body b carries a *dead* load d_b and a *live* load l_b, each a force and a moment about its centre of mass. With
-//! the contact forces f_c of [`crate::global`],
+//! Each body b carries a *dead* load d_b and a *live* load l_b, each a force and a moment about its centre of mass.
+//! With the contact forces f_c of [`crate::global`],
 //!
 //! ```text
 //! maximise    t

@@ -9,14 +9,13 @@
 //!   balance the region, no forces balance the pile: something **falls**, and the proof's motion names what.
 //!
 //! A body high up hands its weight down to the ground, through all that is below it: there the forces before are
-//! corrected, without a program (affine scaling, as for glue), which proves most of what is safe. Where nothing is proven,
-//! the region grows by its neighbours. Both looks are limit programs
-//! ([`crate::limit`]): the forces of the body are withdrawn by a share t, and the question is whether t reaches 1. So
-//! both have an answer at t = 0, and the share is a margin. What is still open in the largest region stays
-//! [`Outcome::Open`], which nobody should take for safe.
+//! corrected, without a program (affine scaling, as for glue), which proves most of what is safe. Where nothing is
+//! proven, the region grows by its neighbours. Both looks are limit programs ([`crate::limit`]): the forces of the body
+//! are withdrawn by a share t, and the question is whether t reaches 1. So both have an answer at t = 0. What is still
+//! open in the largest region stays [`Outcome::Open`], which nobody should take for safe.
 //!
-//! That forces exist does not mean that they will act: see [`crate::limit`]. So a removal is called safe only if a share
-//! of each contact's friction suffices; and it is called a fall only if all of it does not.
+//! That forces exist does not mean that they will act: see [`crate::limit`]. So a removal is called safe only if a
+//! share of each contact's friction suffices; and it is called a fall only if all of it does not.
 
 use crate::global::{BALANCED, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
 use crate::glue::{self, GlueProblem, GlueSite};

@@ -8,21 +8,21 @@
 //! - How far is a body from moving while its neighbours are held? ([`mod@own`])
 //! - Which body may be removed, what would move otherwise, and in which order do all come apart? ([`mod@apart`])
 //! - At which tilt, shake and friction does the whole go, and where? ([`mod@whole`])
-//! - Where is glue needed, if it does not stand? ([`mod@mend`])
+//! - Where is glue needed, if it does not stand? ([`mod@gluing`])
 //!
 //! No verdict rests on a solver's word: see [`cairn_statics::limit`] and [`cairn_statics::removal`]. What is not proven
 //! either way is said to be open.
 
 mod apart;
+mod gluing;
 mod loads;
-mod mend;
 mod own;
 mod problem;
 mod standing;
 mod whole;
 
 pub use apart::Removal;
-pub use mend::MendingDot;
+pub use gluing::NeededDot;
 pub use problem::PileContacts;
 pub use whole::{TiltLimit, WholePile};
 
@@ -135,9 +135,9 @@ pub struct PileAnalysis {
     /// Of the bodies that stand; `None` where it was not asked, or where none does.
     pub whole: Option<WholePile>,
     /// Glue dots with which it stands, if some body falls.
-    pub mending: Vec<MendingDot>,
+    pub glue: Vec<NeededDot>,
     /// Bodies that no glue at their contacts holds.
-    pub beyond_mending: Vec<usize>,
+    pub beyond_glue: Vec<usize>,
     /// Cone programs solved.
     pub programs: u64,
 }
@@ -220,9 +220,9 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
         false => None,
     };
     programs += whole.as_ref().map_or(0, |whole| whole.programs);
-    let (mending, beyond_mending) = match stands {
+    let (glue, beyond_glue) = match stands {
         true => (Vec::new(), Vec::new()),
-        false => mend::of(&pile, &mut going)?,
+        false => gluing::of(&pile, &mut going)?,
     };
     let touches = pile.touches(&found.forces);
     Ok(PileAnalysis {
@@ -233,8 +233,8 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
         order,
         stuck,
         whole,
-        mending,
-        beyond_mending,
+        glue,
+        beyond_glue,
         programs,
     })
 }

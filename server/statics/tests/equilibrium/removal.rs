@@ -53,7 +53,7 @@ fn a_plank_on_three_posts() {
         .flat_map(|k| [face(k, None, feet[k], 0.0, 0.2, 0.7), face(3, Some(k), feet[k], 1.0, 0.2, 0.7)].concat())
         .collect();
     let outcomes: Vec<Outcome> = (0..4).map(|body| without(&bodies, &contacts, body)).collect();
-    // Without an end, the plank still rests on the middle, and tips if its other end is let go: nothing falls.
+    // Without an end, the plank still rests on the middle, with its middle between both: nothing falls.
     assert!(outcomes.iter().all(is_safe), "{outcomes:?}");
     let off = GlobalBody { center_of_mass: DVec3::new(0.3, 1.1, 0.0), ..plank };
     let bodies = [bodies[0], bodies[1], bodies[2], off];

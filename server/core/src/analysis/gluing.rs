@@ -13,7 +13,7 @@ const FRICTION: f64 = 0.5;
 
 /// A dot of glue.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-pub struct MendingDot {
+pub struct NeededDot {
     pub body: usize,
     /// The other body; `None`: the ground or scenery.
     pub other: Option<usize>,
@@ -24,7 +24,7 @@ pub struct MendingDot {
 }
 
 /// Few dots with which the pile stands, and the bodies that no dot at a contact holds.
-pub fn of(pile: &PileContacts, going: &mut Going) -> Result<(Vec<MendingDot>, Vec<usize>), Error> {
+pub fn of(pile: &PileContacts, going: &mut Going) -> Result<(Vec<NeededDot>, Vec<usize>), Error> {
     // Bodies that hang together with the ground by contacts.
     let mut joined = vec![false; pile.bodies.len()];
     let mut grows = true;
@@ -75,7 +75,7 @@ pub fn of(pile: &PileContacts, going: &mut Going) -> Result<(Vec<MendingDot>, Ve
     let dot = |joint: &glue::GlueJoint| {
         let site = &sites[joint.site];
         let id = |body: usize| pile.ids[part.bodies[body]];
-        MendingDot {
+        NeededDot {
             body: id(site.body),
             other: site.other.map(id),
             point: pile.point(site.center),
