@@ -1,7 +1,7 @@
 """Takes bodies away from a pile, or tilts it, in another engine: a question a line, as JSON, and an answer a line.
 
-elsewhere.py PILE.xml ENGINE TIMES: how far the body that moves most is from its place after `TIMES` characteristic times,
-in diameters of the median prop.
+elsewhere.py PILE.xml ENGINE TIMES: how far the body that moves most is from its place after `TIMES` characteristic
+times, in diameters of the median prop.
 """
 
 import json
