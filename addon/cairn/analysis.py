@@ -230,7 +230,7 @@ class CAIRN_OT_clear_analysis(Operator):
 
 
 class CAIRN_PT_analysis(Pile, Panel):
-    bl_label = "What Holds What"
+    bl_label = "Analysis"
     bl_parent_id = "CAIRN_PT_pile"
     bl_options = {"DEFAULT_CLOSED"}
 
