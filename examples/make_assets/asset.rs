@@ -117,10 +117,11 @@ impl Asset {
         self.write(name, &mut file, &mut all);
         let mut root = all.root();
         if let Some(png) = &self.texture {
-            root["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+            all.materials[0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
             root["textures"] = json!([{ "source": 0 }]);
             root["images"] = json!([{ "bufferView": file.view(png, Map::new()), "mimeType": "image/png" }]);
         }
+        root["materials"] = json!(all.materials);
         file.finish(root)
     }
 
@@ -152,7 +153,9 @@ impl Asset {
 pub fn to_glb_of(things: &[(String, Asset)]) -> Vec<u8> {
     let (mut file, mut all) = (File::default(), Parts::default());
     things.iter().for_each(|(name, asset)| asset.write(name, &mut file, &mut all));
-    file.finish(all.root())
+    let mut root = all.root();
+    root["materials"] = json!(all.materials);
+    file.finish(root)
 }
 
 /// Parts of a file.
@@ -164,14 +167,14 @@ struct Parts {
 }
 
 impl Parts {
-    fn root(self) -> Value {
+    /// The file without its materials.
+    fn root(&self) -> Value {
         json!({
             "asset": { "version": "2.0", "generator": "cairn examples" },
             "scene": 0,
             "scenes": [{ "nodes": (0..self.nodes.len()).collect::<Vec<_>>() }],
             "nodes": self.nodes,
             "meshes": self.meshes,
-            "materials": self.materials,
         })
     }
 }

@@ -84,6 +84,9 @@ fn is_named(pattern: &str, name: &str) -> bool {
     pattern.strip_suffix('*').map_or(pattern == name, |begin| name.starts_with(begin))
 }
 
+/// What a node belongs to: whether it stands still, and its number among such.
+type Owner = (bool, usize);
+
 /// Reads the pile of a file. Where it has a node `pile`, as results of Cairn have, the children of that are the bodies,
 /// and all other meshes are scenery. Otherwise the topmost node with a mesh is a body, with all below it.
 pub fn read(document: &Document, selection: &Selection) -> Result<FoundPile, NoBodies> {
@@ -95,8 +98,7 @@ pub fn read(document: &Document, selection: &Selection) -> Result<FoundPile, NoB
     let (mut bodies, mut scenery): (Vec<FoundBody>, Vec<FoundBody>) = (Vec::new(), Vec::new());
     let mut met = BTreeSet::new();
     let mut seen = vec![false; locals.len()];
-    // The node; its parent's place; what it belongs to: the number of a body or a piece of scenery.
-    let mut open: Vec<(usize, DAffine3, Option<(bool, usize)>)> =
+    let mut open: Vec<(usize, DAffine3, Option<Owner>)> =
         document.roots().into_iter().rev().map(|root| (root, DAffine3::IDENTITY, None)).collect();
     while let Some((index, above, owner)) = open.pop() {
         let node = document.get("nodes", index)?;
