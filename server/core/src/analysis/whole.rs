@@ -1,9 +1,9 @@
 //! The tilt, the shake and the friction at which the whole pile goes.
 //!
 //! The set of horizontal accelerations h under which a pile can stand is convex, since forces add up. So each program,
-//! which finds the limit in one direction, says something of all directions: what it stands is a corner of a polygon inside of
-//! which the pile stands, and its motion is a line beyond which it cannot. Programs are solved where the two are
-//! farthest apart, until they are near each other everywhere or the pile has had its share of programs.
+//! which finds the limit in one direction, says something of all directions: what it stands is a corner of a polygon
+//! inside of which the pile stands, and its motion is a line beyond which it cannot. Programs are solved where the two
+//! are farthest apart, until they are near each other everywhere or the pile has had its share of programs.
 
 use super::own::{self, Own};
 use super::standing::{Found, Part};

@@ -223,14 +223,12 @@ impl<'a> GlueProgram<'a> {
         state
     }
 
-    /// A state of these contact forces, each cut back to its friction, and of no joints.
+    /// A state of these contact forces, and of no joints.
     pub fn state_of_contacts(&self, forces: &[DVec3]) -> GlueForces {
         let mut state = self.empty_state();
         for site in &self.sites {
             for at in site.contacts.clone() {
-                let SiteContact { axes, friction, .. } = &self.contacts[at];
-                let along = axes.tr_mul(&vector(forces[at])) / site.unit;
-                state.contacts[at] = super::admm::onto_cone(along, 0.0, *friction);
+                state.contacts[at] = self.contacts[at].axes.tr_mul(&vector(forces[at])) / site.unit;
             }
         }
         state

@@ -1,5 +1,6 @@
 //! Contact forces that balance a pile which has changed a little, from those before.
 
+use super::admm::onto_cone;
 use super::program::GlueProgram;
 use super::{GlueError, GlueProblem, Going, UNBOUNDED, certificate};
 use crate::limit::Load;
@@ -20,7 +21,10 @@ pub fn rebalance(
         let (force, moment) = (load.force / (body.mass * g), load.moment / (body.mass * g * body.radius));
         *target -= Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
     }
-    let state = program.state_of_contacts(forces);
+    let mut state = program.state_of_contacts(forces);
+    for (force, contact) in state.contacts.iter_mut().zip(&program.contacts) {
+        *force = onto_cone(*force, 0.0, contact.friction);
+    }
     let (state, imbalance) = certificate::correct(&program, state, &vec![false; pile.sites.len()], going)?;
     Ok((program.forces(&state), imbalance))
 }
