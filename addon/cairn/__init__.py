@@ -7,6 +7,7 @@ from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
 from . import (
+    analysis,
     aside,
     edit_operators,
     estimates,
@@ -64,6 +65,7 @@ CLASSES = [
     *edit_operators.CLASSES,
     *variant_panel.CLASSES,
     *report_panels.CLASSES,
+    *analysis.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
 ]

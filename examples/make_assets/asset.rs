@@ -113,6 +113,20 @@ impl Asset {
 
     pub fn to_glb(&self, name: &str) -> Vec<u8> {
         let mut file = File::default();
+        let mut all = Parts::default();
+        self.write(name, &mut file, &mut all);
+        let mut root = all.root();
+        if let Some(png) = &self.texture {
+            all.materials[0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+            root["textures"] = json!([{ "source": 0 }]);
+            root["images"] = json!([{ "bufferView": file.view(png, Map::new()), "mimeType": "image/png" }]);
+        }
+        root["materials"] = json!(all.materials);
+        file.finish(root)
+    }
+
+    /// Adds its node, mesh and materials.
+    fn write(&self, name: &str, file: &mut File, all: &mut Parts) {
         let mut attributes = json!({
             "POSITION": file.vectors(&self.points),
             "NORMAL": file.vectors(&self.normals),
@@ -125,25 +139,43 @@ impl Asset {
             attributes["TEXCOORD_0"] = json!(file.vectors(&coordinates));
         }
         let mut primitives = Vec::new();
-        for (material, (_, faces)) in self.faces.iter().enumerate() {
+        for (name, faces) in &self.faces {
             let indices = file.indices(faces);
-            primitives.push(json!({ "attributes": attributes, "indices": indices, "material": material }));
+            primitives.push(json!({ "attributes": attributes, "indices": indices, "material": all.materials.len() }));
+            all.materials.push(material(name));
         }
-        let mut materials: Vec<Value> = self.faces.iter().map(|(name, _)| material(name)).collect();
-        let mut root = json!({
+        all.nodes.push(json!({ "name": name, "mesh": all.meshes.len() }));
+        all.meshes.push(json!({ "name": name, "primitives": primitives }));
+    }
+}
+
+/// A file of several things, a node for each.
+pub fn to_glb_of(things: &[(String, Asset)]) -> Vec<u8> {
+    let (mut file, mut all) = (File::default(), Parts::default());
+    things.iter().for_each(|(name, asset)| asset.write(name, &mut file, &mut all));
+    let mut root = all.root();
+    root["materials"] = json!(all.materials);
+    file.finish(root)
+}
+
+/// Parts of a file.
+#[derive(Default)]
+struct Parts {
+    nodes: Vec<Value>,
+    meshes: Vec<Value>,
+    materials: Vec<Value>,
+}
+
+impl Parts {
+    /// The file without its materials.
+    fn root(&self) -> Value {
+        json!({
             "asset": { "version": "2.0", "generator": "cairn examples" },
             "scene": 0,
-            "scenes": [{ "nodes": [0] }],
-            "nodes": [{ "name": name, "mesh": 0 }],
-            "meshes": [{ "name": name, "primitives": primitives }],
-        });
-        if let Some(png) = &self.texture {
-            materials[0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
-            root["textures"] = json!([{ "source": 0 }]);
-            root["images"] = json!([{ "bufferView": file.view(png, Map::new()), "mimeType": "image/png" }]);
-        }
-        root["materials"] = json!(materials);
-        file.finish(root)
+            "scenes": [{ "nodes": (0..self.nodes.len()).collect::<Vec<_>>() }],
+            "nodes": self.nodes,
+            "meshes": self.meshes,
+        })
     }
 }
 

@@ -1,11 +1,13 @@
 //! Writes the example props and control meshes: `cargo run --release --example make_assets [FOLDER]`.
 //!
-//! Metres, Y up, base at y = 0, centred above the origin. Every mesh is closed and faces outward.
+//! Metres, Y up, base at y = 0, centred above the origin. Every mesh is closed and faces outward. In the folder
+//! `stacks`: several things in one file, as they stand.
 
 mod asset;
 mod file;
 mod places;
 mod shapes;
+mod stacks;
 mod vector;
 
 use clap::Parser;
@@ -61,6 +63,11 @@ fn main() -> std::io::Result<()> {
     ];
     for (name, asset) in assets {
         std::fs::write(folder.join(name).with_extension("glb"), asset.to_glb(name))?;
+    }
+    let folder = folder.join("stacks");
+    std::fs::create_dir_all(&folder)?;
+    for (name, things) in [("arch", stacks::arch()), ("table", stacks::table())] {
+        std::fs::write(folder.join(name).with_extension("glb"), asset::to_glb_of(&things))?;
     }
     Ok(())
 }

@@ -12,7 +12,7 @@ An error raises `Fault`; its `problems` lists all errors of a scene.
 """
 
 from .asynchronous import AsyncBake, AsyncClient, Event
-from .program import program, serve
+from .program import analyse, program, serve
 from .request import Request, read
 from .synchronous import Bake, Client
 from .wire.client import Fault, Problem
@@ -29,6 +29,7 @@ __all__ = [
     "Problem",
     "Request",
     "Snapshot",
+    "analyse",
     "program",
     "read",
     "serve",

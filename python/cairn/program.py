@@ -1,13 +1,15 @@
 """The program `cairn` of this package, and a server run with it."""
 
 import contextlib
+import json
 import os
 import shutil
 import subprocess
 import sysconfig
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from .wire.client import Fault
 
@@ -46,3 +48,32 @@ def serve(data: str | os.PathLike[str] | None = None, workers: int = 1) -> Itera
             log.seek(0)
             raise Fault(f"The server does not start: {log.read().strip()}")
         yield address
+
+
+def analyse(
+    pile: str | os.PathLike[str],
+    *,
+    scenery: Iterable[str] = (),
+    without: Iterable[str] = (),
+    friction: float | None = None,
+    density: float | None = None,
+    ground: float | None = None,
+    safety: float | None = None,
+) -> dict[str, Any]:
+    """What holds what in a glTF or USD file whose nodes are bodies: the answers of `cairn analyse --json`.
+
+    `scenery`, `without`: names of nodes that stand still, and of nodes that are left out; a name that ends in `*`
+    stands for all that begin so. `friction`: Coulomb's coefficient. `density`: kg/m^3. `ground`: its height, m.
+    `safety`: a body is safe to remove if the others stand with this share of their friction. None: as the program does
+    by default.
+    """
+    command = [str(program()), "analyse", os.fspath(pile), "--json"]
+    for flag, names in (("--scenery", scenery), ("--without", without)):
+        command += [word for name in names for word in (flag, name)]
+    numbers = {"--friction": friction, "--density": density, "--ground": ground, "--safety": safety}
+    command += [f"{flag}={number}" for flag, number in numbers.items() if number is not None]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", errors="replace")
+    if done.returncode != 0:
+        raise Fault(done.stderr.strip().removeprefix("error: "))
+    answers: dict[str, Any] = json.loads(done.stdout)
+    return answers

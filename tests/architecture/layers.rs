@@ -17,6 +17,7 @@ const CORE: &[&[&str]] = &[
     &["sim"],
     &["stages"],
     &["report"],
+    &["analysis"],
 ];
 
 /// The layers inside `cairn_core::world`, lowest first. What the world's root file holds is for all of them.
@@ -37,7 +38,7 @@ pub const WORLD: &[&[&str]] = &[
 ];
 
 /// The layers of `cairn-statics`, lowest first.
-const STATICS: &[&[&str]] = &[&["local"], &["global"], &["glue"]];
+const STATICS: &[&[&str]] = &[&["local"], &["global"], &["limit"], &["glue"], &["removal"]];
 
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[

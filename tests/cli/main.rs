@@ -1,5 +1,6 @@
 //! The program `cairn` as users run it: arguments in, files, messages and exit codes out.
 
+mod analyse;
 mod bad_input;
 mod bake;
 mod batch;

@@ -104,6 +104,7 @@ fn help_and_version() {
     assert_eq!(desk.line("--version").ok(), format!("cairn {}\n", env!("CARGO_PKG_VERSION")));
     for command in [
         "",
+        "analyse",
         "bake",
         "cancel",
         "check",

@@ -107,7 +107,7 @@ fn examples() {
 /// A folder with the examples, as in the repository.
 fn desk_with_examples() -> Desk {
     let desk = Desk::new();
-    for folder in ["examples", "examples/assets", "examples/guide"] {
+    for folder in ["examples", "examples/assets", "examples/assets/stacks", "examples/guide"] {
         std::fs::create_dir(desk.path(folder)).unwrap();
         for entry in std::fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap()) {
             if entry.path().extension().is_some_and(|ending| ["glb", "toml", "usda"].iter().any(|one| ending == *one)) {

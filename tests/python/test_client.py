@@ -169,3 +169,14 @@ def test_both_clients_have_the_same_calls():
     for name in calls(cairn.Client):
         ours, theirs = (inspect.signature(getattr(kind, name)) for kind in (cairn.Client, cairn.AsyncClient))
         assert list(ours.parameters) == list(theirs.parameters), name
+
+
+def test_what_holds_what(tmp_path):
+    table = "assets/stacks/table.glb"
+    answers = cairn.analyse(table, scenery=["table"])
+    bodies = {body["name"]: body for body in answers["bodies"]}
+    assert answers["stands"] and bodies["bread"]["removal"]["is_safe"]
+    assert not bodies["jug"]["removal"]["is_safe"], "it holds the board down"
+    assert cairn.analyse(table, scenery=["table"], without=["jug"])["stands"] is False
+    with pytest.raises(cairn.Fault, match="no node has the name"):
+        cairn.analyse(table, scenery=["chair"])

@@ -36,6 +36,7 @@
 //!
 //! Meshes are read from glTF files by [`asset::read`].
 
+pub mod analysis;
 pub mod asset;
 pub mod error;
 pub mod geometry;
@@ -52,6 +53,7 @@ pub mod world;
 
 pub use error::Error;
 
+use analysis::{AnalysisOptions, PileAnalysis};
 use error::SceneProblem;
 use geometry::interior::DistanceGrid;
 use geometry::pose::Pose;
@@ -116,6 +118,18 @@ pub fn bake_with(
     let full = fill_container(scene, params, cache, observer)?;
     let released = release_pile(scene, params, &full, observer)?;
     released.measured(observer)
+}
+
+/// Analyses bodies that are placed by hand, as they stand; nothing is simulated. The scene has no control mesh.
+pub fn analyse(
+    scene: &Scene,
+    params: &Params,
+    options: &AnalysisOptions,
+    observer: &mut dyn Observer,
+) -> Result<PileAnalysis, Error> {
+    let full = fill_container(scene, params, &mut NoCache, observer)?;
+    let sim = full.turn_over(scene, params)?;
+    analysis::run(&sim.pile.world, options, observer)
 }
 
 /// A full container, ready to be turned over; any number of releases may start from it.

@@ -61,12 +61,12 @@ fn no_visible_meshes_cut_each_other_where_that_is_asked_for() {
     assert_eq!(counts[&Count::SeparationCut], 0);
     assert_eq!(apart.report.measures["visible_cut_share"], Some(0.0));
     let farthest = apart.report.measures["separation_max_rel"].unwrap();
-    assert!(farthest > 0.0 && farthest <= 0.05, "{farthest}");
+    assert!(farthest > 0.0 && farthest <= 0.25, "{farthest}");
     // One frame more, in which no body moves by more than that, or sinks into the ground.
     let (before, after) = apart.pile.frames.split_at(left.pile.frames.len());
     assert_eq!((before, after.len()), (&left.pile.frames[..], 1));
     for (a, b) in before[before.len() - 1].iter().zip(&after[0]) {
-        assert!(a.translation.distance(b.translation) <= 0.05 * 0.06 + 1e-4);
+        assert!(a.translation.distance(b.translation) <= 0.25 * 0.06 + 1e-4);
         let points = &scene.props[0].model.mesh.points;
         let low = |pose: &Pose| points.iter().map(|&p| pose.transform_point(p).y).fold(0.0, f64::min);
         assert!(low(b) >= low(a) - 1e-6);

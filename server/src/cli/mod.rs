@@ -1,5 +1,7 @@
 //! The command line: one file per command, and shared parts.
 
+mod analyse;
+mod analysis_summary;
 mod bake;
 mod bakes;
 mod batch;
@@ -53,6 +55,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Analyse(analyse::Args),
     Bake(bake::Args),
     Bakes(bakes::Args),
     Batch(batch::Args),
@@ -134,6 +137,7 @@ pub fn main() -> ExitCode {
     let is_openjd = cli.command.progress() == Some(Mode::Openjd);
     AS_JSON.store(cli.command.progress() == Some(Mode::Json), Ordering::Relaxed);
     let result = panic::catch(|| match cli.command {
+        Command::Analyse(args) => analyse::run(&args),
         Command::Bake(args) => bake::run(&args),
         Command::Bakes(args) => bakes::run(&args),
         Command::Batch(args) => batch::run(&args),

@@ -168,27 +168,27 @@ pub fn analyse(pile: &GlobalProblem, objective: Objective) -> Result<Balance, Gl
 }
 
 /// A contact without units: normal component and two tangents, and the lever arms on both ends.
-struct LinkEnd {
-    body: usize,
+pub(crate) struct LinkEnd {
+    pub body: usize,
     /// +1 for the body that the normal points into, -1 for the other.
-    sign: f64,
+    pub sign: f64,
     /// In radii of that body.
-    lever: DVec3,
+    pub lever: DVec3,
     /// Force unit / this body's weight.
-    scale: f64,
+    pub scale: f64,
 }
 
-struct Link {
-    axes: [DVec3; 3],
-    mu: f64,
+pub(crate) struct Link {
+    pub axes: [DVec3; 3],
+    pub mu: f64,
     /// The unit of this contact's force: the lighter body's weight, so that the columns are of one size.
-    unit: f64,
-    ends: Vec<LinkEnd>,
+    pub unit: f64,
+    pub ends: Vec<LinkEnd>,
 }
 
-struct BalanceProgram<'a> {
+pub(crate) struct BalanceProgram<'a> {
     pile: &'a GlobalProblem<'a>,
-    links: Vec<Link>,
+    pub links: Vec<Link>,
     /// Unit vector of gravity.
     down: DVec3,
 }
@@ -199,7 +199,7 @@ pub fn check(pile: &GlobalProblem) -> Result<(), GlobalProblemError> {
 }
 
 impl<'a> BalanceProgram<'a> {
-    fn new(pile: &'a GlobalProblem<'a>) -> Result<Self, GlobalProblemError> {
+    pub fn new(pile: &'a GlobalProblem<'a>) -> Result<Self, GlobalProblemError> {
         let g = pile.gravity.length();
         if !(g > 0.0 && g.is_finite()) {
             return Err(GlobalProblemError::Gravity);
@@ -364,7 +364,7 @@ fn link(pile: &GlobalProblem, g: f64, index: usize, c: &GlobalContact) -> Result
 
 /// An interior point may end a rounding outside its cone, and a breakdown anywhere: then the contact counts as
 /// unloaded.
-fn clip(f: &[f64], mu: f64) -> [f64; 3] {
+pub(crate) fn clip(f: &[f64], mu: f64) -> [f64; 3] {
     if !f.iter().all(|x| x.is_finite()) {
         return [0.0; 3];
     }
@@ -376,15 +376,15 @@ fn clip(f: &[f64], mu: f64) -> [f64; 3] {
 
 /// A sparse matrix in the making.
 #[derive(Default)]
-struct Triplets {
-    rows: Vec<usize>,
-    columns: Vec<usize>,
-    values: Vec<f64>,
-    height: usize,
+pub(crate) struct Triplets {
+    pub rows: Vec<usize>,
+    pub columns: Vec<usize>,
+    pub values: Vec<f64>,
+    pub height: usize,
 }
 
 impl Triplets {
-    fn push(&mut self, row: usize, column: usize, value: f64) {
+    pub fn push(&mut self, row: usize, column: usize, value: f64) {
         self.rows.push(row);
         self.columns.push(column);
         self.values.push(value);

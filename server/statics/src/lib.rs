@@ -90,6 +90,8 @@
 //!   the motion in which the body starts to fall. Also margins, ranks, and which bodies may be held.
 //! - [`global`]: all bodies of a pile at once, where each force has its reaction. A cone program with a lower bound on
 //!   the weight that nothing supports.
+//! - [`limit`]: by what factor a load may grow until the pile falls, such as a tilt of its ground, with both proofs.
+//! - [`removal`]: what stands once a body is taken away.
 //! - [`glue`]: the fewest joints, about, with which the pile stands; what contacts alone leave unsupported; and the
 //!   loads of the joints in a cluster that moves.
 //!
@@ -110,7 +112,9 @@
 
 pub mod global;
 pub mod glue;
+pub mod limit;
 pub mod local;
+pub mod removal;
 
 /// The examples of the README compile, and run.
 #[cfg(doctest)]

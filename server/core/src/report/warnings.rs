@@ -202,7 +202,7 @@ pub fn separation(found: Separation) -> Option<String> {
     let remedy = match found.left {
         true => "the pile did not rest before the last frame: bake more frames",
         false => {
-            "they would have to move by more than 5 % of their thickness: use a smaller physics.shape_tolerance, or \
+            "they would have to move by more than a quarter of their thickness: use a smaller physics.shape_tolerance, or \
              more physics.max_parts"
         }
     };

@@ -15,10 +15,10 @@ use rayon::prelude::*;
 
 /// Meshes are left this far apart, in thicknesses of the thinner one: more than files round.
 const CLEARANCE: f64 = 1e-4;
-/// No body is moved farther, in its thicknesses. A quarter of what a finger feels on a table of real things.
-const FARTHEST: f64 = 0.05;
+/// No body is moved farther, in its thicknesses. Overlaps add up from layer to layer.
+const FARTHEST: f64 = 0.25;
 /// Bound on the rounds; each moves apart every pair that still cuts.
-const MOST_ROUNDS: usize = 100;
+const MOST_ROUNDS: usize = 300;
 
 /// What was done.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -71,7 +71,8 @@ pub fn bodies(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, Docume
     Ok(references(pile, "children").into_iter().filter_map(world).collect())
 }
 
-fn locals(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentError> {
+/// Each node's transform in its parent's frame, `seconds` into the first animation.
+pub fn locals(document: &Document, seconds: f64) -> Result<Vec<DAffine3>, DocumentError> {
     let count = document.array("nodes").len();
     let mut parts = Vec::with_capacity(count);
     let mut matrices = Vec::with_capacity(count);

@@ -126,7 +126,7 @@ fn add_where_short(
 }
 
 /// The best state found, and its imbalance.
-fn correct(
+pub fn correct(
     program: &GlueProgram,
     from: GlueForces,
     allowed: &[bool],

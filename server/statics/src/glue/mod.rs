@@ -40,6 +40,7 @@ pub mod interior_point;
 mod loads;
 mod missing;
 mod program;
+mod rebalance;
 
 use crate::global::{BALANCED, GlobalBody, GlobalContact};
 use admm::{Admm, GlueWeights};
@@ -48,6 +49,7 @@ use glam::DVec3;
 pub use loads::Loads;
 pub use missing::missing;
 use program::{GlueForces, GlueProgram};
+pub use rebalance::rebalance;
 use std::collections::BTreeSet;
 use std::iter;
 use std::ops::{ControlFlow, Range};

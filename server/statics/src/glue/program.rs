@@ -223,6 +223,17 @@ impl<'a> GlueProgram<'a> {
         state
     }
 
+    /// A state of these contact forces, and of no joints.
+    pub fn state_of_contacts(&self, forces: &[DVec3]) -> GlueForces {
+        let mut state = self.empty_state();
+        for site in &self.sites {
+            for at in site.contacts.clone() {
+                state.contacts[at] = self.contacts[at].axes.tr_mul(&vector(forces[at])) / site.unit;
+            }
+        }
+        state
+    }
+
     /// The contact forces of a state, in the pile's units and axes.
     pub fn forces(&self, state: &GlueForces) -> Vec<DVec3> {
         let contacts = self.sites.iter().flat_map(|site| site.contacts.clone().map(|at| (at, site.unit)));

@@ -66,6 +66,24 @@ impl Analyser {
         Ok(self.verdict(outcome, options))
     }
 
+    /// The largest horizontal push at the centre of mass, in mg and at most `most`, that the body survives in each of
+    /// these directions (unit vectors across gravity), to a share of [`margin::SLACK`] from below; `None` where it does
+    /// not stand.
+    pub fn pushes(
+        &mut self,
+        problem: &LocalProblem,
+        ways: &[DVec3],
+        most: f64,
+    ) -> Result<Option<Vec<f64>>, ProblemError> {
+        self.scaled.set(problem, Default::default())?;
+        let outcome = self.decide(Solver::Fast, Start::Cold);
+        self.count(&outcome);
+        Ok(match outcome {
+            SolverOutcome::Stable { .. } => Some(margin::pushes(&self.scaled, &mut self.projection, ways, most)),
+            SolverOutcome::Unstable(_) => None,
+        })
+    }
+
     fn verdict(&mut self, outcome: SolverOutcome, options: &Options) -> Verdict<'_> {
         self.count(&outcome);
         match outcome {

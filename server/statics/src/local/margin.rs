@@ -37,6 +37,13 @@ pub const LEAST_PUSH: f64 = 1e-5;
 /// The projections only have to distinguish the two sides of the slack.
 const ACCURACY: StopRule = StopRule { reached: 1e-6, violation: 1e-5, excluded_force: 1e2 };
 
+/// The largest push of at most `most` that a stable body survives in each of these directions across gravity, from
+/// below. Leaves other generators in the projection.
+pub(super) fn pushes(scaled: &ScaledProblem, projection: &mut Projection, ways: &[glam::DVec3], most: f64) -> Vec<f64> {
+    let b = scaled.target();
+    ways.iter().map(|&way| ray(scaled, projection, &b, &join(way, glam::DVec3::ZERO), most)).collect()
+}
+
 /// The margin of a stable body. Leaves other generators in the projection.
 pub(super) fn of(scaled: &ScaledProblem, projection: &mut Projection) -> f64 {
     let b = scaled.target();

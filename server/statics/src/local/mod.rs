@@ -132,9 +132,10 @@ pub struct LocalProblem<'a> {
 }
 
 /// The forces that friction allows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum FrictionLaw {
     /// Coulomb's cone, exactly.
+    #[default]
     Cone,
     /// A regular polygon instead of the circle; `sides` from 3 to [`MAX_SIDES`].
     Pyramid { sides: u32, fit: Fit },

@@ -6,5 +6,7 @@ mod generator;
 mod global;
 mod glue;
 mod input;
+mod limit;
 mod physics;
+mod removal;
 mod wall;

@@ -1,0 +1,216 @@
+//! The tilt, the shake and the friction at which the whole pile goes.
+//!
+//! The set of horizontal accelerations h under which a pile can stand is convex, since forces add up. So each program,
+//! which finds the limit in one direction, says something of all directions: what it stands is a corner of a polygon
+//! inside of which the pile stands, and its motion is a line beyond which it cannot. Programs are solved where the two
+//! are farthest apart, until they are near each other everywhere or the pile has had its share of programs.
+
+use super::own::{self, Own};
+use super::standing::{Found, Part};
+use super::{AZIMUTHS, AnalysedBody, Going, PileContacts};
+use crate::error::Error;
+use cairn_statics::limit::{self, Load};
+use cairn_statics::local::margin::SLACK;
+use glam::{DVec2, DVec3};
+
+/// Tilts are sought up to this tangent: 84 degrees.
+const MOST: f64 = own::MOST_PUSH;
+/// Bounds on a tilt that are no farther apart need no more programs, degrees.
+const NEAR: f64 = 0.5;
+/// Programs for tilts: as many as directions for a small pile, and no less than this for a large one.
+const LEAST_PROGRAMS: usize = 2;
+/// Bodies times programs, about: an analysis has a time that grows with the pile, not with its square.
+const WORK: usize = 3000;
+/// Halvings between shares of friction.
+const HALVINGS: usize = 6;
+
+/// A tilt of the ground in one direction, degrees. By quasi-statics, the ground may as well be accelerated the other
+/// way by the tangent of the angle, in g.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct TiltLimit {
+    /// The direction in which things slide, degrees from +Z toward +X.
+    pub azimuth: f64,
+    /// Forces balance it up to here.
+    pub stands_to: f64,
+    /// None do from here on.
+    pub falls_from: f64,
+}
+
+/// The whole pile's margins.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct WholePile {
+    /// Around the vertical.
+    pub tilts: Vec<TiltLimit>,
+    /// The least tilt of all directions, degrees: proven to stand up to the first, and to fall from the second.
+    pub tilt: [f64; 2],
+    /// The least horizontal acceleration of the ground at which it goes, g: the same, as a tangent.
+    pub shake: [f64; 2],
+    /// The direction of the least tilt, degrees from +Z toward +X.
+    pub azimuth: f64,
+    /// The bodies that go first there, ascending.
+    pub goes_first: Vec<usize>,
+    /// The body with the least margin of its own: the weakest point.
+    pub weakest: Option<usize>,
+    /// The share of friction with which it cannot stand, and that with which it stands.
+    pub friction: [f64; 2],
+    /// Cone programs solved.
+    pub programs: u64,
+}
+
+/// What is known of tilts, as points (x, z) of accelerations.
+struct Horizon {
+    /// It cannot stand farther in this direction, since one body does not. Shape `[azimuth]`.
+    alone: [f64; AZIMUTHS],
+    /// It stands there.
+    inner: Vec<DVec2>,
+    /// `normal . h > distance`: it cannot stand there.
+    lines: Vec<(DVec2, f64)>,
+}
+
+impl Horizon {
+    /// How far it stands at least, and at most, along a direction.
+    fn along(&self, k: usize) -> (f64, f64) {
+        let way = planar(own::way(k).0);
+        let most = self.lines.iter().filter(|(normal, _)| normal.dot(way) > 1e-12);
+        let most = most.map(|(normal, distance)| (distance / normal.dot(way)).max(0.0)).fold(self.alone[k], f64::min);
+        // The ray leaves the triangles of the origin and two corners at the farthest.
+        let mut least: f64 = 0.0;
+        for (i, &a) in self.inner.iter().enumerate() {
+            for &b in &self.inner[i..] {
+                let cross = a.perp_dot(b);
+                if cross.abs() < 1e-15 {
+                    let along = a.dot(way).max(b.dot(way));
+                    if a.perp_dot(way).abs() < 1e-9 * a.length() {
+                        least = least.max(along);
+                    }
+                    continue;
+                }
+                // way * t = u a + v b with u, v >= 0 and u + v = 1.
+                let (u, v) = (way.perp_dot(b) / cross, a.perp_dot(way) / cross);
+                if u >= -1e-12 && v >= -1e-12 && u + v > 0.0 {
+                    least = least.max(1.0 / (u + v));
+                }
+            }
+        }
+        (least.min(most), most)
+    }
+}
+
+/// The horizontal part of a direction, as (x, z).
+fn planar(way: DVec3) -> DVec2 {
+    DVec2::new(way.x, way.z)
+}
+
+/// Looks for the limits of the bodies that stand.
+pub fn of(
+    pile: &PileContacts,
+    found: &Found,
+    own: &[Own],
+    bodies: &[AnalysedBody],
+    going: &mut Going,
+) -> Result<WholePile, Error> {
+    let part = Part::new(pile, &found.falls, |_| 1.0);
+    let dead = limit::weights(&part.part_bodies, DVec3::NEG_Y);
+    let most_programs = (WORK / part.bodies.len().max(1)).clamp(LEAST_PROGRAMS, AZIMUTHS);
+    let mut horizon = Horizon { alone: [MOST; AZIMUTHS], inner: Vec::new(), lines: Vec::new() };
+    // A body that moves even while its neighbours are held bounds the whole.
+    for (k, most) in horizon.alone.iter_mut().enumerate() {
+        let pushes = part.bodies.iter().filter_map(|&body| own[body].pushes.get(k));
+        let pushes = pushes.map(|push| push * (1.0 + 2.0 * SLACK));
+        *most = pushes.fold(MOST, f64::min);
+    }
+    let mut programs = 0;
+    let mut asked = [false; AZIMUTHS];
+    let (mut goes_first, mut least_found) = (Vec::new(), f64::INFINITY);
+    while programs < most_programs {
+        going.on(0.8 + 0.1 * programs as f64 / most_programs as f64)?;
+        // The direction in which the least is known; of equals, opposite ones first.
+        let degrees = |t: f64| t.atan().to_degrees();
+        let apart = |k: usize| {
+            let (least, most) = horizon.along(k);
+            degrees(most) - degrees(least)
+        };
+        let order = (0..AZIMUTHS).map(|k| (k * 5) % AZIMUTHS);
+        let widest =
+            order.filter(|&k| !asked[k]).map(|k| (apart(k), k)).reduce(|a, b| if b.0 > a.0 + 1e-9 { b } else { a });
+        let Some((width, k)) = widest else { break };
+        if width <= NEAR {
+            break;
+        }
+        asked[k] = true;
+        programs += 1;
+        let way = own::way(k).0;
+        let live = limit::shake(&part.part_bodies, 1.0, way);
+        let limit = part.limit(&dead, &live, horizon.alone[k])?;
+        if let Some(stands) = limit.stands_to {
+            horizon.inner.push(stands * planar(way));
+        }
+        if limit.falls_from.is_finite() {
+            let work = |load: &[Load]| limit.work(&part.part_bodies, 1.0, load);
+            let across = |way: DVec3| work(&limit::shake(&part.part_bodies, 1.0, way));
+            let normal = DVec2::new(across(DVec3::X), across(DVec3::Z));
+            // As far from the origin as the certificate says, which has its tolerance in it.
+            horizon.lines.push((normal, limit.falls_from * normal.dot(planar(way))));
+            if limit.falls_from < least_found {
+                least_found = limit.falls_from;
+                goes_first = limit.moving().map(|body| pile.ids[part.bodies[body]]).collect();
+            }
+        }
+    }
+    let tilts: Vec<TiltLimit> = (0..AZIMUTHS)
+        .map(|k| {
+            let (least, most) = horizon.along(k);
+            let azimuth = own::way(k).1;
+            TiltLimit { azimuth, stands_to: least.atan().to_degrees(), falls_from: most.atan().to_degrees() }
+        })
+        .collect();
+    let least = |tilt: fn(&TiltLimit) -> f64| tilts.iter().map(tilt).fold(90.0, f64::min);
+    let tilt = [least(|tilt| tilt.stands_to), least(|tilt| tilt.falls_from)];
+    let azimuth = tilts.iter().find(|one| one.falls_from <= tilt[1]).map_or(0.0, |one| one.azimuth);
+    let margin = |&id: &usize| bodies[id].least_push.unwrap_or(f64::INFINITY);
+    let standing = part.bodies.iter().map(|&body| pile.ids[body]);
+    let weakest = standing.min_by(|a, b| margin(a).total_cmp(&margin(b)).then(a.cmp(b)));
+    let (friction, solved) = friction(pile, found, bodies, going)?;
+    Ok(WholePile {
+        tilt,
+        shake: tilt.map(|degrees| degrees.to_radians().tan()),
+        tilts,
+        azimuth,
+        goes_first,
+        weakest,
+        friction,
+        programs: programs as u64 + solved,
+    })
+}
+
+/// The share of friction with which it cannot stand, and that with which it stands; and the programs solved.
+fn friction(
+    pile: &PileContacts,
+    found: &Found,
+    bodies: &[AnalysedBody],
+    going: &mut Going,
+) -> Result<([f64; 2], u64), Error> {
+    // What a body needs even while its neighbours are held, the whole needs.
+    let standing = (0..pile.ids.len()).filter(|&body| !found.falls[body]);
+    let alone = standing.filter_map(|body| bodies[pile.ids[body]].least_friction).fold(0.0, f64::max);
+    let used = found.shares.iter().copied().fold(0.0, f64::max);
+    let (mut low, mut high) = ((alone - 0.5_f64.powi(10)).max(0.0), used.max(alone));
+    let most = (WORK / 2 / pile.bodies.len().max(1)).clamp(1, HALVINGS);
+    let mut programs = 0;
+    // Most piles need no more than their neediest body does.
+    let mut next = alone * 1.02 + 1e-3;
+    while programs < most && high - low > 0.02 && next < high {
+        going.on(0.9 + 0.1 * programs as f64 / most as f64)?;
+        programs += 1;
+        let limit = Part::new(pile, &found.falls, |_| next).bears()?;
+        if limit.reaches(1.0) {
+            high = next;
+        } else if limit.falls_from < 1.0 {
+            low = next;
+        } else {
+            break;
+        }
+        next = (low + high) / 2.0;
+    }
+    Ok(([low, high], programs as u64))
+}

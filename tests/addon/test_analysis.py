@@ -1,0 +1,68 @@
+"""What holds what: the selected objects as bodies, their colors, and what the panel says."""
+
+import bpy
+import pytest
+from conftest import cuboid, once
+
+
+@pytest.fixture
+def stack(addon):
+    """A board that reaches over the edge of a table, held down by a block; the board's own units are feet."""
+    made = {
+        "table": cuboid("table", (1.0, 1.0, 1.0), location=(0, 0, 0.5)),
+        "board": cuboid("board", (1.0, 0.3, 0.05), location=(0.52, 0, 1.025)),
+        "block": cuboid("block", (0.2, 0.2, 0.4), location=(0.2, 0, 1.25)),
+    }
+    for source in made.values():
+        source.select_set(True)
+    bpy.context.view_layer.objects.active = made["block"]
+    return made
+
+
+def test_colors_and_words(stack, addon):
+    analysis = addon("analysis")
+    stack["board"].color = (0.1, 0.2, 0.3, 1)
+    assert bpy.ops.cairn.analyze(shown="REMOVAL") == {"FINISHED"}
+    answers = {name: analysis.figures(source) for name, source in stack.items()}
+    assert all(body["standing"] == "stands" for body in answers.values())
+    assert answers["table"]["rests_on_it"] == ["block", "board"] or answers["table"]["rests_on_it"] == [
+        "board",
+        "block",
+    ]
+    assert not answers["block"]["removal"]["is_safe"] and answers["block"]["removal"]["moving"] == ["board"]
+    assert tuple(stack["block"].color) == pytest.approx(analysis.RED)
+    said = " ".join(analysis.lines(answers["block"]))
+    assert "“block” stands." in said and "Without it, these begin to fall: board." in said
+    # Carried mass: 1 x .3 x .05 and .2 x .2 x .4 m of 1000 kg/m^3.
+    assert answers["table"]["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81, rel=1e-3)
+    for shown in ("LOAD", "MARGIN", "STANDING"):
+        assert bpy.ops.cairn.analyze(shown=shown) == {"FINISHED"}
+    assert bpy.ops.cairn.clear_analysis() == {"FINISHED"}
+    assert tuple(stack["board"].color) == pytest.approx((0.1, 0.2, 0.3, 1))
+    assert not any(analysis.FIGURES in source for source in stack.values())
+
+
+@once
+def test_colliders_are_scenery(stack, addon):
+    analysis = addon("analysis")
+    colliders = bpy.data.collections.new("colliders")
+    bpy.context.scene.collection.children.link(colliders)
+    colliders.objects.link(stack["table"])
+    bpy.context.scene.cairn.colliders = colliders
+    stack["table"].select_set(False)
+    stack["block"].select_set(False)
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert analysis.figures(stack["board"])["standing"] == "falls_alone", "nothing holds it down"
+    assert analysis.figures(stack["table"]) is None
+
+
+@once
+def test_units_of_the_scene(stack, addon):
+    bpy.context.scene.unit_settings.scale_length = 0.01
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    answers = addon("analysis").figures(stack["table"])
+    assert answers["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81 * 1e-6, rel=1e-3)
+
+
+def test_nothing_selected(addon):
+    assert not bpy.ops.cairn.analyze.poll()
