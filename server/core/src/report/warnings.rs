@@ -202,8 +202,8 @@ pub fn separation(found: Separation) -> Option<String> {
     let remedy = match found.left {
         true => "the pile did not rest before the last frame: bake more frames",
         false => {
-            "they would have to move by more than a quarter of their thickness: use a smaller physics.shape_tolerance, or \
-             more physics.max_parts"
+            "they would have to move by more than a quarter of their thickness: use a smaller \
+             physics.shape_tolerance, or more physics.max_parts"
         }
     };
     (found.cut > 0).then(|| format!("{pairs} each other in the end (hold.separate); {remedy}"))
@@ -360,7 +360,8 @@ mod tests {
                 "when some are hooked",
                 Separation { cut: 2, ..done },
                 &["2 pairs of meshes cut each other in the end (hold.separate); they would have to move by more \
-                   than 5 % of their thickness: use a smaller physics.shape_tolerance, or more physics.max_parts"],
+                   than a quarter of their thickness: use a smaller physics.shape_tolerance, or more \
+                   physics.max_parts"],
             ),
         ] {
             says_only(case, &separation(found).into_iter().collect::<Vec<_>>(), words);
