@@ -138,7 +138,7 @@ impl Surfaces {
             }
             material
         });
-        layer.relationship(prim, "material:binding:physics", &[material.clone()]);
+        layer.relationship(prim, "material:binding:physics", std::slice::from_ref(material));
     }
 }
 
