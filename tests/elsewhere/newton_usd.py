@@ -1,7 +1,7 @@
 """newton_usd.py STAGE SECONDS: a stage in Newton, by its solver XPBD on the processor; prints what `physx.py` prints.
 
-Its joints are no articulation, so that Newton has to be told not to ask for one; and they go in circles, for which its
-solver is too eager as it comes.
+Its joints are no articulation, so that Newton must not ask for one; and they go in circles, for which its solver is too
+eager by default.
 """
 
 import json

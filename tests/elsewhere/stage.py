@@ -74,7 +74,9 @@ def read(path, diameter):
             radius *= np.linalg.norm(matrix[0, :3])
             solid.parts.append(replay.Part(solid.name, np.zeros(3), np.eye(3), local, radius))
         solids.append(solid)
-    joints = [joint(prim, stage, places, solids, numbers) for prim in stage.Traverse() if prim.IsA(UsdPhysics.FixedJoint)]
+    joints = [
+        joint(prim, stage, places, solids, numbers) for prim in stage.Traverse() if prim.IsA(UsdPhysics.FixedJoint)
+    ]
     ground = stage.GetPrimAtPath("/Pile/Physics/Ground")
     friction = stage.GetPrimAtPath(ground.GetRelationship("material:binding:physics").GetTargets()[0])
     gravity = stage.GetPrimAtPath("/Pile/Physics/World").GetAttribute("physics:gravityMagnitude").Get()
@@ -136,9 +138,16 @@ def in_bullet(pile, joints, seconds, shot=None):
             continue
         child = -1 if b is None else world.ids[b]
         links[number] = pybullet.createConstraint(
-            world.ids[a], -1, child, -1, pybullet.JOINT_FIXED, [0, 0, 0],
-            (first[0] * length).tolist(), (second[0] * length).tolist(),
-            replay.quaternion(first[1]), replay.quaternion(second[1]),
+            world.ids[a],
+            -1,
+            child,
+            -1,
+            pybullet.JOINT_FIXED,
+            [0, 0, 0],
+            (first[0] * length).tolist(),
+            (second[0] * length).tolist(),
+            replay.quaternion(first[1]),
+            replay.quaternion(second[1]),
         )
         pybullet.changeConstraint(links[number], maxForce=1e12)
         other = world.ground if child == -1 else child

@@ -22,6 +22,8 @@ SECONDS = 5
 # Newton takes minutes for a second on a processor.
 NEWTON_SECONDS = 1
 
+BY_A_CART = ["--accuracy", "draft", "--static", str(ASSETS / "cart.glb"), "--set", "fill.count=60"]
+
 # Control mesh, prop, its scale, further arguments.
 PILES = {
     "sticks, T": ("letter-t.glb", "stick.glb", 2.6, []),
@@ -29,7 +31,7 @@ PILES = {
     "balls, tower": ("tower.glb", "ball.glb", 0.45, []),
     "bricks, tower": ("tower.glb", "brick.glb", 2, []),
     "sticks, cone": ("cone-small.glb", "stick.glb", 1, ["--accuracy", "draft"]),
-    "bananas by a cart": ("cone-small.glb", "banana.glb", 1, ["--accuracy", "draft", "--static", str(ASSETS / "cart.glb")]),
+    "bananas by a cart": ("cone-small.glb", "banana.glb", 1, BY_A_CART),
     "cubes, spiral": ("spiral.glb", "cube.glb", 0.6, []),
     "books, stairs": ("stairs.glb", "book.glb", 2, []),
 }

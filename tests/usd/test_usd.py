@@ -236,7 +236,9 @@ def test_a_pile_can_be_referred_to(mixed):
 def test_the_stage_for_simulators(simulated, ending):
     stage = opened(simulated, ending)
     assert not faults(stage)
-    kinds = {kind.name: descriptions for kind, (_, descriptions) in UsdPhysics.LoadUsdPhysicsFromRange(stage, ["/"]).items()}
+    kinds = {
+        kind.name: descriptions for kind, (_, descriptions) in UsdPhysics.LoadUsdPhysicsFromRange(stage, ["/"]).items()
+    }
     assert all(one.isValid for all_of_a_kind in kinds.values() for one in all_of_a_kind)
     bodies = simulated.table["bodies"]
     assert len(kinds["RigidBody"]) == len(bodies) - 1, "one is kept"

@@ -3,8 +3,8 @@
 //!
 //! It has no animation, which would come before the simulation. The node `pile` has a node for each body, by its name
 //! in all formats, with its mass, centre and inertia. Bodies that are glued to each other are nodes below one that
-//! moves, `cluster.N`; one that is glued to the ground, or that the scene keeps where it is, does not move. Below a body
-//! are its look, `NAME.look`, and its collision shape, a node for each convex part, `NAME.PART`. `static` has the
+//! moves, `cluster.N`; one that is glued to the ground, or that the scene keeps where it is, does not move. Below a
+//! body are its look, `NAME.look`, and its collision shape, a node for each convex part, `NAME.PART`. `static` has the
 //! ground, a box whose top it is, and the scenery. Metres, kilograms, Y up.
 
 use super::super::physics::{MassModel, RigidGroup, SceneryCollider};
