@@ -22,6 +22,8 @@ from .wire.recording import Motion, Recording, Snapshot
 
 Event = Accepted | Progress | Snapshot | Summary
 # Formats by name, from the schema.
+# By the ends of file names that differ from their names here, the longest first.
+ENDINGS = {".physics.glb": "glb_physics", ".hulls.glb": "glb_hulls", ".xml": "mjcf"}
 FORMATS = {name.removeprefix("OUTPUT_FORMAT_").lower(): number for name, number in v1.OutputFormat.items() if number}
 # A name of a file beside a result.
 PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*")
@@ -201,7 +203,8 @@ class AsyncBake:
         """
         await self.result()
         path = Path(path)
-        wanted = FORMATS.get(path.suffix[1:].lower(), self._format)
+        ends = [name for ending, name in ENDINGS.items() if path.name.lower().endswith(ending)]
+        wanted = FORMATS.get((ends or [path.suffix[1:].lower()])[0], self._format)
         async with Connection(self._target) as server:
             content, first = await server.download_file(self.id, format=wanted)
             for file in first.files:

@@ -275,6 +275,7 @@ pub fn shop() -> Desk {
     );
     desk.write("crumb.glb", boxes(&[([0.02; 3], [0.0; 3], false)]));
     desk.write("beam.glb", boxes(&[([0.1, 100.0, 0.1], [0.0; 3], false)]));
+    desk.write("distant.glb", boxes(&[([1.0; 3], [500.0, 0.5, 0.0], false)]));
     desk.write("wide.glb", boxes(&[([9.0, 3.0, 9.0], [0.0, 1.5, 0.0], false)]));
     let (unit, beside) = (([1.0; 3], [0.0, 0.5, 0.0], false), |x| ([1.0; 3], [x, 0.5, 0.0], false));
     desk.write("apart.glb", boxes(&[unit, beside(3.0)]));

@@ -150,24 +150,28 @@ def in_mujoco(pile, seconds):
     return standing(pile, [(data.xpos[i], data.xmat[i].reshape(3, 3)) for i in ids])
 
 
-def in_bullet(pile, seconds):
-    """Bullet has margins of its own: the median prop has the diameter 1 here."""
-    client = pybullet.connect(pybullet.DIRECT)
-    length = 1 / pile.diameter
-    pybullet.setGravity(0, 0, -pile.gravity)
-    step = pile.step * math.sqrt(length)
-    pybullet.setPhysicsEngineParameter(fixedTimeStep=step, numSolverIterations=BULLET_ITERATIONS)
-    # Bullet multiplies the friction of two bodies; Cairn takes the mean.
+class BulletWorld:
+    """A pile in Bullet. Bullet has margins of its own: the median prop has the diameter 1 here."""
+
     surface = {"restitution": 0, "rollingFriction": 0, "spinningFriction": 0, "linearDamping": 0, "angularDamping": 0}
-    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=[0, 0, 1])
-    ground = pybullet.createMultiBody(0, plane, basePosition=[0, 0, pile.ground * length])
-    pybullet.changeDynamics(ground, -1, lateralFriction=math.sqrt(pile.ground_friction), **surface)
-    ids = []
-    for solid in pile.solids:
+
+    def __init__(self, pile):
+        pybullet.connect(pybullet.DIRECT)
+        self.length = 1 / pile.diameter
+        pybullet.setGravity(0, 0, -pile.gravity)
+        self.step = pile.step * math.sqrt(self.length)
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=self.step, numSolverIterations=BULLET_ITERATIONS)
+        # Bullet multiplies the friction of two bodies; Cairn takes the mean.
+        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, planeNormal=[0, 0, 1])
+        self.ground = pybullet.createMultiBody(0, plane, basePosition=[0, 0, pile.ground * self.length])
+        pybullet.changeDynamics(self.ground, -1, lateralFriction=math.sqrt(pile.ground_friction), **self.surface)
+        self.ids = [self.add(solid) for solid in pile.solids]
+
+    def add(self, solid):
         body = pybullet.createMultiBody(
             0 if solid.is_fixed else solid.mass,
-            bullet_shape(solid, length),
-            basePosition=(solid.center * length).tolist(),
+            bullet_shape(solid, self.length),
+            basePosition=(solid.center * self.length).tolist(),
             baseOrientation=quaternion(solid.rotation),
         )
         pybullet.changeDynamics(
@@ -176,17 +180,33 @@ def in_bullet(pile, seconds):
             lateralFriction=math.sqrt(solid.friction),
             activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             collisionMargin=0.001,
-            **surface,
+            **self.surface,
         )
-        ids.append(body)
-    for _ in range(round(seconds * math.sqrt(length) / step)):
+        return body
+
+    def throw(self, radius, mass, place, velocity):
+        ball = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=radius * self.length)
+        body = pybullet.createMultiBody(mass, ball, basePosition=(place * self.length).tolist())
+        pybullet.resetBaseVelocity(body, (velocity * math.sqrt(self.length)).tolist())
+
+    def steps(self, seconds):
+        return round(seconds * math.sqrt(self.length) / self.step)
+
+    def poses(self):
+        """The poses of all bodies, and the end of this world."""
+        poses = []
+        for body in self.ids:
+            center, (x, y, z, w) = pybullet.getBasePositionAndOrientation(body)
+            poses.append((np.array(center) / self.length, rotation(w, x, y, z)))
+        pybullet.disconnect()
+        return poses
+
+
+def in_bullet(pile, seconds):
+    world = BulletWorld(pile)
+    for _ in range(world.steps(seconds)):
         pybullet.stepSimulation()
-    poses = []
-    for body in ids:
-        center, (x, y, z, w) = pybullet.getBasePositionAndOrientation(body)
-        poses.append((np.array(center) / length, rotation(w, x, y, z)))
-    pybullet.disconnect(client)
-    return standing(pile, poses)
+    return standing(pile, world.poses())
 
 
 def bullet_shape(solid, length):

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 import replay
+import stage
 
 ROOT = pathlib.Path(__file__).parents[2]
 CAIRN = ROOT / "target/release/cairn"
@@ -29,6 +30,9 @@ def pile(request, tmp_path_factory):
     command += [word for end in ("min", "max") for word in ("--set", f"props.0.scale_{end}={scale}")]
     for ending in ("xml", "json"):
         subprocess.run([*command, "--quiet", "-o", folder / f"pile.{ending}"], check=True)
+    if request.param == "sticks":
+        physics = ["--set", "usd.physics=true", "--set", "usd.up_axis=z"]
+        subprocess.run([*command, *physics, "--quiet", "-o", folder / "pile.usda"], check=True)
     return replay.read(folder / "pile.xml"), json.loads((folder / "pile.json").read_text())
 
 
@@ -65,3 +69,39 @@ def test_the_model_is_the_pile(pile):
         assert way < 0.6 * pile.diameter, body["name"]
     free = [solid.mass for solid in pile.solids if not solid.is_fixed]
     assert np.isclose(model.body_mass[1:][model.body_dofnum[1:] > 0].sum(), sum(free))
+
+
+def corners(solids):
+    """Of each body, where they are."""
+    found = {}
+    for solid in solids:
+        for part in solid.parts:
+            places = (part.corners @ part.rotation.T + part.center) @ solid.rotation.T + solid.center
+            found.setdefault(part.body.replace(".", "_"), []).append(places)
+    return {body: np.concatenate(places) for body, places in found.items()}
+
+
+@pytest.mark.parametrize("pile", ["sticks"], indirect=True)
+def test_a_stage_stands_and_breaks_where_a_ball_hits(pile):
+    pile, table = pile
+    glued, joints = stage.read(pathlib.Path(pile.path).with_suffix(".usda"), pile.diameter)
+    assert len(joints) == len(table["glue"]["dots"]) > 0
+    # The bodies are those of the model.
+    ours, theirs = corners(glued.solids), corners(pile.solids)
+    assert ours.keys() == theirs.keys()
+    for body, places in ours.items():
+        away = np.linalg.norm(places[:, None] - theirs[body][None], axis=2)
+        assert away.min(1).max() < 1e-5 * pile.diameter, body
+    free = sum(solid.mass for solid in pile.solids if not solid.is_fixed)
+    assert sum(solid.mass for solid in glued.solids) > free > 0
+    seconds = 4 * pile.natural_time
+    share, broken = stage.in_bullet(glued, joints, seconds)
+    assert share >= 0.95 and not broken
+    # Forty times the mass of a stick, as fast as from a fall of fifty diameters.
+    middles = np.array([solid.center for solid in glued.solids])
+    place = np.array([middles[:, 0].max() + 2 * pile.diameter, middles[:, 1].mean(), middles[:, 2].max()])
+    velocity = np.array([-10 * pile.diameter / pile.natural_time, 0.0, 0.0])
+    mass = 40 * np.median([solid.mass for solid in glued.solids])
+    shot = stage.Shot(0.5 * pile.diameter, mass, place, velocity)
+    share, broken = stage.in_bullet(glued, joints, seconds, shot)
+    assert share < 0.7 and broken

@@ -16,8 +16,8 @@ pub fn no_files(uri: &str) -> Result<Vec<u8>, String> {
 
 /// A pile of bodies (prop, scale) with the given poses.
 pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
-    let bodies: Vec<BakedBody> =
-        bodies.iter().map(|&(prop, scale)| BakedBody { prop, scale, first_frame: 0 }).collect();
+    let body = |prop, scale| BakedBody { prop, scale, first_frame: 0, mass_factor: 1.0, is_pinned: false };
+    let bodies: Vec<BakedBody> = bodies.iter().map(|&(prop, scale)| body(prop, scale)).collect();
     let ball = BakedSolid {
         pivot: DVec3::ZERO,
         center: DVec3::ZERO,

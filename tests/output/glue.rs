@@ -50,7 +50,16 @@ fn tells_its_glue(pile: &BakedPile, bytes: &[u8]) {
 }
 
 pub fn dot(body: usize, other: Option<usize>, point: [f64; 3], force: f64, is_broken: bool) -> BakedGlueDot {
-    BakedGlueDot { body, other, point, normal: [0.0, 1.0, 0.0], force: [0.0, force, 0.0], moment: [0.0; 3], is_broken }
+    BakedGlueDot {
+        body,
+        other,
+        point,
+        normal: [0.0, 1.0, 0.0],
+        force: [0.0, force, 0.0],
+        moment: [0.0; 3],
+        limit: [f64::INFINITY; 2],
+        is_broken,
+    }
 }
 
 #[test]

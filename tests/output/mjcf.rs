@@ -2,7 +2,33 @@
 
 use crate::files::{encode, no_files, pile_of, textured_cube, tumbling};
 use cairn::model::export::{ExportScene, Format, SourceModel};
+use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
+use cairn_core::input::scene::{Model, StaticModel};
 use cairn_core::report::BakedGlue;
+use glam::DVec3;
+use std::collections::BTreeMap;
+
+/// The attributes of all elements of a kind.
+fn elements(text: &str, kind: &str) -> Vec<BTreeMap<String, String>> {
+    let mut reader = quick_xml::Reader::from_str(text);
+    let mut found = Vec::new();
+    loop {
+        let element = match reader.read_event().unwrap() {
+            quick_xml::events::Event::Eof => return found,
+            quick_xml::events::Event::Start(element) | quick_xml::events::Event::Empty(element) => element,
+            _ => continue,
+        };
+        if element.name().as_ref() == kind {
+            let attributes = element.attributes().map(|attribute| {
+                let attribute = attribute.unwrap();
+                let value = attribute.normalized_value(quick_xml::XmlVersion::default()).unwrap().into_owned();
+                (attribute.key.as_ref().to_owned(), value)
+            });
+            found.push(attributes.collect());
+        }
+    }
+}
 
 #[test]
 fn glued_bodies_are_one_body_of_the_model() {
@@ -13,30 +39,47 @@ fn glued_bodies_are_one_body_of_the_model() {
     let mut pile = pile_of(&[(0, 1.0), (0, 2.0), (0, 1.0), (0, 1.0)], tumbling(4, 3));
     pile.glue = Some(BakedGlue { dots: vec![], clusters: vec![vec![0, 1]], anchored: vec![3] });
     let text = String::from_utf8(encode(Format::Mjcf, &pile, &scene).unwrap()).unwrap();
-    let mut reader = quick_xml::Reader::from_str(&text);
-    let (mut bodies, mut joints, mut geoms, mut masses) = (Vec::new(), 0, Vec::new(), Vec::new());
-    loop {
-        let event = reader.read_event().unwrap();
-        if event == quick_xml::events::Event::Eof {
-            break;
-        }
-        let (quick_xml::events::Event::Start(element) | quick_xml::events::Event::Empty(element)) = event else {
-            continue;
-        };
-        let value = |key: &str| {
-            let found = element.try_get_attribute(key).unwrap()?;
-            Some(found.normalized_value(quick_xml::XmlVersion::default()).unwrap().into_owned())
-        };
-        match element.name().as_ref() {
-            "body" => bodies.extend(value("name")),
-            "freejoint" => joints += 1,
-            "geom" => geoms.extend(value("name")),
-            "inertial" => masses.push(value("mass").unwrap().parse::<f64>().unwrap()),
-            _ => {}
-        }
-    }
+    let named = |kind: &str, key: &str| -> Vec<String> {
+        elements(&text, kind).into_iter().filter_map(|mut element| element.remove(key)).collect()
+    };
+    let (bodies, geoms) = (named("body", "name"), named("geom", "name"));
+    let joints = elements(&text, "freejoint").len();
+    let masses: Vec<f64> = named("inertial", "mass").iter().map(|mass| mass.parse().unwrap()).collect();
     assert_eq!(bodies, ["cluster.0", "a <\"b\"> & c.0002", "a <\"b\"> & c.0003"]);
     assert_eq!(joints, 2, "one is glued to the ground");
     assert_eq!(geoms.len(), 1 + 4, "the ground, and a part of each body");
     assert_eq!(masses, [1.0 + 8.0, 1.0, 1.0], "mass grows with the cube of the scale");
+}
+
+#[test]
+fn what_the_scene_keeps_and_scenery_stand_still() {
+    let cube = textured_cube();
+    let prop = SourceModel { name: "cube", file: "cube", bytes: &cube, node: None, resolve: &no_files, asset: None };
+    // A slope of two triangles, one of them far away; it stands 1 m to the side in the last frame.
+    let corner = |x: f64, y: f64, z: f64| DVec3::new(x, y, z);
+    let near = [corner(-1.0, 0.0, -1.0), corner(-1.0, 0.0, 1.0), corner(1.0, 1.0, 0.0)];
+    let points = near.iter().copied().chain(near.iter().map(|p| *p + DVec3::X * 1000.0)).collect();
+    let mesh = TriMesh { points, triangles: vec![[0, 1, 2], [3, 4, 5]] };
+    let model = Model { name: "slope".into(), mesh, is_skinned: false };
+    let colliders = [StaticModel { model, friction: 0.25, keys: vec![] }];
+    let scene = ExportScene { props: vec![prop], colliders: &colliders, ..Default::default() };
+    let mut pile = pile_of(&[(0, 1.0), (0, 1.0)], tumbling(2, 3));
+    pile.bodies[1].is_pinned = true;
+    pile.bodies[0].mass_factor = 3.0;
+    pile.scenery = vec![vec![Pose::IDENTITY, Pose { translation: DVec3::Y, ..Pose::IDENTITY }]];
+    let encoded = cairn::model::export::encode(Format::Mjcf, &pile, &scene).unwrap();
+    let [left_out] = &encoded.left_out[..] else { panic!("{:?}", encoded.left_out) };
+    assert!(left_out.starts_with("scenery: 1 of its 2 triangles are not in the MuJoCo model"), "{left_out}");
+    let text = String::from_utf8(encoded.bytes).unwrap();
+    assert_eq!(elements(&text, "freejoint").len(), 1);
+    let masses: Vec<f64> = elements(&text, "inertial").iter().map(|body| body["mass"].parse().unwrap()).collect();
+    assert_eq!(masses, [3.0, 1.0]);
+    let geoms = elements(&text, "geom");
+    let geom = geoms.iter().find(|geom| geom.get("name").is_some_and(|name| name == "scenery.0.0")).unwrap();
+    assert_eq!(geom["friction"].split(' ').next().unwrap().parse::<f64>().unwrap(), 0.25);
+    let meshes = elements(&text, "mesh");
+    let corners: Vec<f64> = meshes[0]["vertex"].split(' ').map(|number| number.parse().unwrap()).collect();
+    // Z up: the lowest corner of the thin plate is where the slope begins, in the last frame.
+    let lowest = corners.chunks(3).map(|corner| corner[2]).fold(f64::INFINITY, f64::min);
+    assert!((lowest - 1.0).abs() < 0.05, "{lowest}");
 }

@@ -281,6 +281,7 @@ fn glue_is_told_as_guides() {
         normal: [0.0, 1.0, 0.0],
         force: [0.0, 5.0, 0.0],
         moment: [0.0; 3],
+        limit: [8.0, 0.5],
         is_broken: other.is_none(),
     };
     let dots = vec![dot(Some(2)), dot(None)];
@@ -343,4 +344,54 @@ fn a_result_of_references_is_small() {
     let (full, lean, none) = (size(UsdMotion::Full), size(UsdMotion::Lean), size(UsdMotion::None));
     assert!(none < 200_000 && lean <= 3_000_000, "{none} bytes at rest, {lean} in motion");
     assert!(2 * lean < full, "{lean} of {full} bytes");
+}
+
+/// Two glued bodies and one that the scene keeps, in centimetres with Z up.
+#[test]
+fn a_stage_for_simulators_has_every_body_once_more() {
+    let cube = textured_cube();
+    let layout = Layout { is_z_up: true, meters_per_unit: 0.01, has_physics: true, ..Layout::default() };
+    let scene = ExportScene { props: vec![prop("cube.glb", &cube)], layout, ..Default::default() };
+    let mut pile = pile_of(&[(0, 1.0), (0, 2.0), (0, 1.0)], tumbling(3, 2));
+    pile.bodies[2].is_pinned = true;
+    let dot = |other, force| BakedGlueDot {
+        body: 1,
+        other,
+        point: [1.0, 0.01, 3.0],
+        normal: [0.0, 1.0, 0.0],
+        force: [0.0, 5.0, 0.0],
+        moment: [0.0; 3],
+        limit: [force, 0.5],
+        is_broken: false,
+    };
+    let dots = vec![dot(Some(0), 8.0), dot(None, f64::INFINITY)];
+    pile.glue = Some(BakedGlue { dots, clusters: vec![vec![0, 1]], anchored: vec![0, 1] });
+    let text = text(&pile, &scene);
+    for stated in [
+        "kilogramsPerUnit = 1.0",
+        "token visibility = \"invisible\"",
+        "vector3f physics:gravityDirection = (0.0, 0.0, -1.0)",
+        "float physics:gravityMagnitude = 981.0",
+        "float physics:mass = 8.0",
+        // 1 kg m^2 of the prop, times 2^5, in kg cm^2.
+        "float3 physics:diagonalInertia = (320000.0, 320000.0, 320000.0)",
+        "float physics:breakForce = 8000.0",
+        "rel physics:body1 = </Pile/Physics/Ground>",
+        "uniform token axis = \"Z\"",
+        "class Scope \"Hulls\"",
+    ] {
+        assert_eq!(lines(&text, stated).len(), 1, "{stated}");
+    }
+    assert_eq!(lines(&text, "PhysicsRigidBodyAPI").len(), 2, "one is kept");
+    assert_eq!(lines(&text, "def PhysicsFixedJoint").len(), 2);
+    assert_eq!(lines(&text, "breakTorque").len(), 1);
+    // The picture is that of a stage without physics, and Cairn itself reads it as such.
+    let plain = ExportScene {
+        props: vec![prop("cube.glb", &cube)],
+        layout: Layout { has_physics: false, ..scene.layout.clone() },
+        ..Default::default()
+    };
+    let seen =
+        |scene: &ExportScene| as_gltf(&files::encode(Usdc, &pile, scene).unwrap(), &no_files).unwrap().into_owned();
+    assert_eq!(seen(&scene), seen(&plain));
 }

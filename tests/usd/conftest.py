@@ -31,6 +31,24 @@ props = [{{ path = "{assets}/stick.glb", scale_min = 1.8, scale_max = 1.8 }}]
 output.frames = 2
 """
 
+# Boxes, hulls of several parts, scenery that is not convex and a body that the scene keeps; in inches, Z up.
+SIMULATED = """
+control_mesh = "{assets}/cone-small.glb"
+accuracy = "draft"
+props = ["{assets}/banana.glb", "{assets}/brick.glb", "{assets}/ball.glb"]
+fill.count = 12
+output.frames = 20
+usd = {{ physics = true, up_axis = "z", meters_per_unit = 0.0254 }}
+
+[[statics]]
+path = "{assets}/cart.glb"
+
+[[bodies]]
+prop = "0"
+position = [3.0, 1.0, 0.0]
+kept = true
+"""
+
 
 class Bake:
     def __init__(self, folder, scene, endings=(*LAYERS, "glb", "json")):
@@ -76,6 +94,14 @@ def glued(tmp_path_factory):
     scene = folder / "letter.toml"
     scene.write_text(GLUED.format(assets=ROOT / "examples/assets"))
     return Bake(folder, scene, ["usdc", "json"])
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("simulated")
+    scene = folder / "simulated.toml"
+    scene.write_text(SIMULATED.format(assets=ROOT / "examples/assets"))
+    return Bake(folder, scene, ["usdc", "usda", "usdz", "json"])
 
 
 @pytest.fixture(params=["glue=natural", "glue=as_modelled", "control=off"])

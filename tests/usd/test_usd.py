@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from conftest import LAYERS
 from glb import Glb, matrix
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, UsdValidation
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade, UsdValidation
 
 BODIES = "/Pile/Bodies"
 
@@ -230,3 +230,37 @@ def test_a_pile_can_be_referred_to(mixed):
     material, _ = UsdShade.MaterialBindingAPI(tub).ComputeBoundMaterial()
     assert str(material.GetPath()).startswith("/shot/prop/Materials/")
     assert stage.GetPrimAtPath("/shot/pile").GetCustomDataByKey("cairn:measures")
+
+
+@pytest.mark.parametrize("ending", LAYERS)
+def test_the_stage_for_simulators(simulated, ending):
+    stage = opened(simulated, ending)
+    assert not faults(stage)
+    kinds = {
+        kind.name: descriptions for kind, (_, descriptions) in UsdPhysics.LoadUsdPhysicsFromRange(stage, ["/"]).items()
+    }
+    assert all(one.isValid for all_of_a_kind in kinds.values() for one in all_of_a_kind)
+    bodies = simulated.table["bodies"]
+    assert len(kinds["RigidBody"]) == len(bodies) - 1, "one is kept"
+    assert len(kinds["Scene"]) == len(kinds["PlaneShape"]) == 1
+    (scenery,) = stage.GetPrimAtPath("/Pile/Physics/Scenery").GetChildren()
+    assert scenery.GetAttribute("physics:approximation").Get() == "none"
+    # Each body stands where the picture has it at the last frame, with all of its prop within its hulls' room.
+    places_seen = places(stage, stage.GetEndTimeCode())
+    cache = UsdGeom.XformCache()
+    masses = []
+    for number, prim in enumerate(stage.GetPrimAtPath("/Pile/Physics/Bodies").GetChildren()):
+        assert prim.GetDisplayName() == bodies[number]["name"]
+        place = np.array(cache.GetLocalToWorldTransform(prim.GetChild("Picture").GetChild("Prop")))
+        assert np.allclose(place, places_seen[number], atol=1e-4), prim
+        colliders = [below for below in Usd.PrimRange(prim) if below.HasAPI(UsdPhysics.CollisionAPI)]
+        assert colliders
+        if prim.HasAPI(UsdPhysics.RigidBodyAPI):
+            masses.append(prim.GetAttribute("physics:mass").Get())
+        material = UsdShade.MaterialBindingAPI(colliders[0]).ComputeBoundMaterial("physics")[0].GetPrim()
+        assert np.isclose(material.GetAttribute("physics:staticFriction").Get(), 0.7)
+    assert len(set(np.round(masses, 3))) == len({body["prop"] for body in bodies})
+    # The picture is shown, and only once.
+    shown = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Imageable)]
+    shown = [prim for prim in shown if UsdGeom.Imageable(prim).ComputeVisibility() != "invisible"]
+    assert not [prim for prim in shown if prim.GetPath().HasPrefix("/Pile/Physics")]

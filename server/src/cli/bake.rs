@@ -30,9 +30,9 @@ pub struct Args {
     #[command(flatten)]
     scene: SceneArgs,
 
-    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms), .xml (a model for
-    /// MuJoCo); - is the standard output. The textures of a .usdc or .usda are written to the folder `textures` beside
-    /// it
+    /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms), .xml or .physics.glb
+    /// (the last frame for MuJoCo and for game engines, to be simulated further), .hulls.glb (the collision shapes); -
+    /// is the standard output. The textures of a .usdc or .usda are written to the folder `textures` beside it
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 

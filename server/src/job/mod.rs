@@ -54,6 +54,10 @@ pub struct Job {
     model_bytes: usize,
 }
 
+/// Upper bounds of what a stage for simulators takes, bytes: of a body with its glue, of a triangle of scenery as text.
+const PHYSICS_BODY: u64 = 4 << 10;
+const COLLIDER_TRIANGLE: u64 = 128;
+
 impl Job {
     /// The expected cost of each accuracy. Measures this machine's speed first, for a few tenths of a second.
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
@@ -68,7 +72,17 @@ impl Job {
         let (bodies, frames) = (plan.expected_bodies as u64, plan.most_frames as u64);
         let size = format.size();
         let models = if format.states_origin() { self.model_bytes as u64 } else { 0 };
-        size.file + models + bodies * (size.body + frames * size.pose)
+        let mut bytes = size.file + models + bodies * (size.body + frames * size.pose);
+        let holds_colliders = matches!(format, Format::GlbPhysics | Format::GlbHulls);
+        let has_physics = format.is_usd() && self.layout.has_physics;
+        if has_physics {
+            bytes += bodies * PHYSICS_BODY;
+        }
+        if has_physics || holds_colliders {
+            let triangles = self.scene.statics.iter().map(|model| model.model.mesh.triangles.len() as u64).sum::<u64>();
+            bytes += triangles * COLLIDER_TRIANGLE;
+        }
+        bytes
     }
 
     /// The files of the scene, where they lie.
@@ -135,7 +149,8 @@ impl Job {
     pub fn export_scene<'a>(&'a self, origin: &'a Value, measures: Option<&'a Measures>) -> ExportScene<'a> {
         let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
         let keeps_instancing = self.params.output.instancing;
-        ExportScene { props, scenery, origin: Some(origin), measures, keeps_instancing, layout: self.layout.clone() }
+        let (colliders, layout) = (&*self.scene.statics, self.layout.clone());
+        ExportScene { props, scenery, colliders, origin: Some(origin), measures, keeps_instancing, layout }
     }
 
     fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {

@@ -24,6 +24,7 @@ impl proto::UsdLayout {
         usd.samples_per_frame.get_or_insert(1);
         usd.default_prim.get_or_insert_with(|| "Pile".into());
         usd.embed.get_or_insert(false);
+        usd.physics.get_or_insert(false);
         usd
     }
 }

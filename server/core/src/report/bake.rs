@@ -3,8 +3,13 @@
 use crate::geometry::pose::Pose;
 use crate::prepare::shape::{Shape, Solid};
 use crate::report::Report;
+use crate::sim::instance::Instance;
 use crate::sim::pile::Pile;
+use crate::world::Role;
 use glam::{DQuat, DVec3};
+
+/// Masses that differ by less than this share are one.
+const ROUNDING: f64 = 1e-9;
 
 /// A finished bake: the pile and its report.
 #[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
@@ -122,6 +127,8 @@ pub struct BakedGlueDot {
     pub force: [f64; 3],
     /// About `point`, N m.
     pub moment: [f64; 3],
+    /// Force in N and moment in N m beyond which it breaks, each taken alone, where joints break; infinite: never.
+    pub limit: [f64; 2],
     /// It broke during the bake.
     pub is_broken: bool,
 }
@@ -135,14 +142,24 @@ pub struct BakedBody {
     pub scale: f64,
     /// The first frame that has it; 0 for bodies of the fill, and those that the scene places at the beginning.
     pub first_frame: usize,
+    /// Its mass in shares of that of its prop at its scale.
+    pub mass_factor: f64,
+    /// The scene keeps it where it is, in the last frame, too.
+    pub is_pinned: bool,
 }
 
 /// The bodies that some frame has, and the frames in SI, from the props' own frames. Shape `[frame][body]`.
 pub fn prop_frames(pile: &Pile) -> (Vec<BakedBody>, Vec<Vec<Pose>>) {
     let count = pile.recorder.frames.last().map_or(0, Vec::len);
     let all = pile.instances.iter().zip(&pile.recorder.first_frames).take(count);
-    let bodies: Vec<BakedBody> =
-        all.map(|(b, &first_frame)| BakedBody { prop: b.prop, scale: b.scale, first_frame }).collect();
+    let body = |(id, (instance, &first_frame)): (usize, (&Instance, &usize))| {
+        let &Instance { prop, scale, .. } = instance;
+        let body = &pile.world.bodies()[id];
+        let factor = body.mass * pile.world.units.mass / (pile.shapes[prop].mass * scale.powi(3));
+        let mass_factor = if (factor - 1.0).abs() < ROUNDING { 1.0 } else { factor };
+        BakedBody { prop, scale, first_frame, mass_factor, is_pinned: body.role == Role::Pinned }
+    };
+    let bodies: Vec<BakedBody> = all.enumerate().map(body).collect();
     let mut frames: Vec<Vec<Pose>> =
         (0..pile.recorder.frames.len()).map(|number| pile.prop_frame(number).collect()).collect();
     // Before it appears, a body has the pose that it will have then.

@@ -25,6 +25,7 @@ pub fn baked(sim: &Simulation) -> BakedGlue {
             normal: (turn * dot.normal).to_array(),
             force: (turn * dot.force * force).to_array(),
             moment: (turn * dot.moment * force * units.length).to_array(),
+            limit: [dot.limit * force, dot.limit * dot.arm * force * units.length],
             is_broken: dot.is_broken,
         }
     };

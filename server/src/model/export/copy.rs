@@ -53,6 +53,11 @@ impl GlbOutput {
         }
     }
 
+    /// Lists an extension among those that the file uses.
+    pub fn uses(&mut self, extension: &str) {
+        self.used.insert(extension.into());
+    }
+
     /// Appends bytes, aligned for any component type, as a buffer view; `view` may hold further members.
     pub fn push_view(&mut self, bytes: &[u8], mut view: Object) -> usize {
         self.bin.resize(self.bin.len().next_multiple_of(4), 0);

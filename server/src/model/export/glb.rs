@@ -22,45 +22,37 @@
 //! A body that appears later has scale 0 until then, by keys that do not blend: glTF's own way to hide a node, which
 //! every player and importer follows. Moving scenery is moved by the same animation.
 
+mod hulls;
+mod motion;
+mod physics;
+
 use super::copy::GlbOutput;
 use super::glue::GlueMembership;
 use super::hierarchy::{Branch, BranchFrame};
 use super::sources::Sources;
-use super::tracks::{self, Track};
+use super::tracks;
 use super::{Encoded, ExportError, ExportScene, ORIGIN, Rehearsal, SourceModel, glue};
 use crate::files::FileSource;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::report::bake::BakedPile;
+use cairn_core::report::bake::{BakedBody, BakedPile};
 use cairn_gltf::INSTANCING;
 use cairn_gltf::document::{DocumentError, Object};
 use glam::DVec3;
+use motion::animate;
+pub use physics::encode as encode_physics;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 /// The bytes of the file.
 pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
-    let mut file = GlbFile { keeps_instancing: scene.keeps_instancing, ..GlbFile::default() };
-    let pile = file.out.push("nodes", Value::Null);
-    // Bodies come first, so that body `i` is node `i + 1`.
-    for _ in &bake.bodies {
-        file.out.push("nodes", Value::Null);
-    }
-    let bodies = file.bodies(bake, scene, pile)?;
-    let mut tops = vec![pile];
-    let mut moving = Vec::new();
-    if let Some(scenery) = file.scenery(bake, scene, &mut moving)? {
-        tops.push(scenery);
-    }
-    let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
-    if let Some(glue) = &bake.glue {
-        node["extras"][glue::KEY] = json!({ "glue": glue::whole(glue) });
-    }
-    if !bodies.is_empty() {
-        node["children"] = json!(bodies);
-    }
-    file.nodes.insert(pile, node);
-    animate(bake, pile, &moving, &mut file.out);
-    file.finish(&tops, scene.origin).map(Encoded::single)
+    GlbFile { keeps_instancing: scene.keeps_instancing, ..GlbFile::default() }.animated(bake, scene)
+}
+
+/// The bytes of the `.hulls.glb`: the same nodes and animation, but every body and piece of scenery shows its collision
+/// shape. A body of several convex parts has a node below it for each, `NAME.PART`. Earlier results around the pile,
+/// which it met, are among the scenery.
+pub fn encode_hulls(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    GlbFile { shows_hulls: true, ..GlbFile::default() }.animated(bake, scene)
 }
 
 /// Copies models into nothing.
@@ -94,9 +86,37 @@ struct GlbFile<'a> {
     nodes: BTreeMap<usize, Value>,
     sources: Sources<'a>,
     keeps_instancing: bool,
+    /// Bodies and scenery are their collision shapes.
+    shows_hulls: bool,
+    /// Of the file itself.
+    extensions: Object,
 }
 
 impl<'a> GlbFile<'a> {
+    fn animated(mut self, bake: &BakedPile, scene: &'a ExportScene) -> Result<Encoded, ExportError> {
+        let pile = self.out.push("nodes", Value::Null);
+        // Bodies come first, so that body `i` is node `i + 1`.
+        for _ in &bake.bodies {
+            self.out.push("nodes", Value::Null);
+        }
+        let bodies = self.bodies(bake, scene, pile)?;
+        let mut tops = vec![pile];
+        let mut moving = Vec::new();
+        if let Some(scenery) = self.scenery(bake, scene, &mut moving)? {
+            tops.push(scenery);
+        }
+        let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
+        if let Some(glue) = &bake.glue {
+            node["extras"][glue::KEY] = json!({ "glue": glue::whole(glue) });
+        }
+        if !bodies.is_empty() {
+            node["children"] = json!(bodies);
+        }
+        self.nodes.insert(pile, node);
+        animate(bake, pile, &moving, &mut self.out);
+        self.finish(&tops, scene.origin).map(Encoded::single)
+    }
+
     /// The file of a model, and the part of it that is wanted.
     fn open(&mut self, model: &'a SourceModel, frame: BranchFrame) -> Result<(usize, Branch), ExportError> {
         let (source, mut branch) = self.sources.open(model, frame)?;
@@ -112,14 +132,27 @@ impl<'a> GlbFile<'a> {
         let names = super::body_names(bake, scene);
         let held = bake.glue.as_ref().map(|glue| GlueMembership::all(glue, bake.bodies.len()));
         let mut props: BTreeMap<usize, (usize, Branch)> = BTreeMap::new();
+        let mut hulls: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (i, body) in bake.bodies.iter().enumerate() {
             let model = &scene.props[body.prop];
+            let at = pile + 1 + i;
+            let mut node = Object::from_iter([("name".to_string(), json!(names[i]))]);
+            if self.shows_hulls {
+                let parts = hulls.entry(body.prop).or_insert_with(|| self.hulls(model.name, &bake.solids[body.prop]));
+                if let [lone] = parts[..] {
+                    node.insert("mesh".into(), json!(lone));
+                } else {
+                    let part = |(number, mesh)| json!({ "name": format!("{}.{number}", names[i]), "mesh": mesh });
+                    let nodes = parts.iter().enumerate().map(part).map(|node| self.out.push("nodes", node));
+                    node.insert("children".into(), nodes.collect());
+                }
+                self.finish_body(bake, i, at, node, held.as_deref());
+                continue;
+            }
             if let std::collections::btree_map::Entry::Vacant(slot) = props.entry(body.prop) {
                 slot.insert(self.open(model, BranchFrame::Origin)?);
             }
             let (source, branch) = &props[&body.prop];
-            let at = pile + 1 + i;
-            let mut node = Object::from_iter([("name".to_string(), json!(names[i]))]);
             let wrap = |error| ExportError::source(model, error);
             let pivot = bake.solids[body.prop].pivot;
             match branch.lone_mesh() {
@@ -141,17 +174,30 @@ impl<'a> GlbFile<'a> {
                     node.insert("children".into(), json!(children));
                 }
             }
-            if !bake.frames.is_empty() {
-                place_node(&mut node, bake.pivot_pose(0, i));
-            }
-            let scale = [if body.first_frame > 0 { 0.0 } else { body.scale as f32 }; 3];
-            node.insert("scale".into(), json!(scale));
-            if let Some(held) = &held {
-                held[i].add_to(&mut node);
-            }
-            self.nodes.insert(at, Value::Object(node));
+            self.finish_body(bake, i, at, node, held.as_deref());
         }
         Ok((0..bake.bodies.len()).map(|i| pile + 1 + i).collect())
+    }
+
+    /// Places the node of a body at the beginning.
+    fn finish_body(
+        &mut self,
+        bake: &BakedPile,
+        body: usize,
+        at: usize,
+        mut node: Object,
+        held: Option<&[GlueMembership]>,
+    ) {
+        let BakedBody { scale, first_frame, .. } = bake.bodies[body];
+        if !bake.frames.is_empty() {
+            place_node(&mut node, bake.pivot_pose(0, body));
+        }
+        let scale = [if first_frame > 0 { 0.0 } else { scale as f32 }; 3];
+        node.insert("scale".into(), json!(scale));
+        if let Some(held) = held {
+            held[body].add_to(&mut node);
+        }
+        self.nodes.insert(at, Value::Object(node));
     }
 
     /// The static geometry below one node, each file below a node of its name.
@@ -163,11 +209,18 @@ impl<'a> GlbFile<'a> {
         moving: &mut Vec<(usize, usize)>,
     ) -> Result<Option<usize>, ExportError> {
         let mut children = Vec::new();
-        for (i, model) in scene.scenery.iter().enumerate() {
-            let (source, branch) = self.open(model, BranchFrame::World)?;
-            let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
-            let mut node =
-                Object::from_iter([("name".to_string(), json!(model.name)), ("children".into(), json!(nodes))]);
+        let count = if self.shows_hulls { scene.colliders.len() } else { scene.scenery.len() };
+        for i in 0..count {
+            let name = scene.scenery.get(i).map_or("around", |model| model.name);
+            let mut node = Object::from_iter([("name".to_string(), json!(name))]);
+            if self.shows_hulls {
+                node.insert("mesh".into(), json!(self.mesh(name, &scene.colliders[i].model.mesh)));
+            } else {
+                let model = &scene.scenery[i];
+                let (source, branch) = self.open(model, BranchFrame::World)?;
+                let nodes = self.place(source, &branch).map_err(|error| ExportError::source(model, error))?;
+                node.insert("children".into(), json!(nodes));
+            }
             let first = bake.scenery.get(i).and_then(|poses| poses.first()).copied();
             if let Some(pose) = first {
                 place_node(&mut node, pose);
@@ -233,6 +286,9 @@ impl<'a> GlbFile<'a> {
         json.insert("asset".into(), asset);
         json.insert("scene".into(), json!(0));
         json.insert("scenes".into(), json!([{ "nodes": tops }]));
+        if !self.extensions.is_empty() {
+            json.insert("extensions".into(), Value::Object(self.extensions));
+        }
         if !bin.is_empty() {
             json.insert("buffers".into(), json!([{ "byteLength": bin.len() }]));
         }
@@ -245,103 +301,6 @@ fn place_node(node: &mut Object, pose: Pose) {
     let once = || std::iter::once(pose);
     node.insert("translation".into(), json!(tracks::translations(once())[0]));
     node.insert("rotation".into(), json!(tracks::rotations(once())[0]));
-}
-
-/// The animation `pile`: per body and piece of moving scenery a translation and a rotation channel, without those that
-/// never change; per body that appears later a scale channel.
-fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &mut GlbOutput) {
-    let mut keys = Keys::default();
-    for body in 0..bake.bodies.len() {
-        let node = pile + 1 + body;
-        keys.add_motion(node, || (0..bake.frames.len()).map(|frame| bake.pivot_pose(frame, body)));
-        if let Some(track) = tracks::appearance(&bake.bodies[body]) {
-            keys.add(node, "scale", &track);
-        }
-    }
-    for &(piece, node) in moving {
-        keys.add_motion(node, || bake.scenery[piece].iter().copied());
-    }
-    if !keys.channels.is_empty() {
-        keys.write(bake.fps, out);
-    }
-}
-
-/// The key data of all channels. One buffer view each for times, translations and rotations.
-#[derive(Default)]
-struct Keys {
-    /// Sets of keyed frames, shared by all channels that have the same.
-    frame_sets: BTreeMap<Vec<u32>, usize>,
-    channels: Vec<AnimationChannelOut>,
-    /// Values of channels with 3 and with 4 components, little-endian.
-    values: [Vec<u8>; 2],
-}
-
-struct AnimationChannelOut {
-    node: usize,
-    path: &'static str,
-    frame_set: usize,
-    /// Into the values of its kind.
-    byte_offset: usize,
-    count: usize,
-}
-
-impl Keys {
-    fn add_motion<P: Iterator<Item = Pose>>(&mut self, node: usize, poses: impl Fn() -> P) {
-        if let Some(track) = tracks::thin(&tracks::translations(poses())) {
-            self.add(node, "translation", &track);
-        }
-        if let Some(track) = tracks::thin(&tracks::rotations(poses())) {
-            self.add(node, "rotation", &track);
-        }
-    }
-
-    fn add<const N: usize>(&mut self, node: usize, path: &'static str, track: &Track<N>) {
-        let next = self.frame_sets.len();
-        let frame_set = *self.frame_sets.entry(track.frames.clone()).or_insert(next);
-        let values = &mut self.values[N - 3];
-        let channel =
-            AnimationChannelOut { node, path, frame_set, byte_offset: values.len(), count: track.values.len() };
-        values.extend(track.values.iter().flatten().flat_map(|v| v.to_le_bytes()));
-        self.channels.push(channel);
-    }
-
-    fn write(self, fps: f64, out: &mut GlbOutput) {
-        let mut sets: Vec<(usize, Vec<u32>)> = self.frame_sets.into_iter().map(|(f, n)| (n, f)).collect();
-        sets.sort();
-        let time = |frame: u32| (f64::from(frame) / fps) as f32;
-        let bytes: Vec<u8> = sets.iter().flat_map(|(_, f)| f).flat_map(|&f| time(f).to_le_bytes()).collect();
-        let view = out.push_view(&bytes, Object::new());
-        let mut offset = 0;
-        let inputs: Vec<usize> = (sets.iter())
-            .map(|(_, frames)| {
-                let accessor = json!({
-                    "bufferView": view, "byteOffset": offset, "componentType": 5126, "type": "SCALAR",
-                    "count": frames.len(), "min": [time(frames[0])], "max": [time(frames[frames.len() - 1])],
-                });
-                offset += 4 * frames.len();
-                out.push("accessors", accessor)
-            })
-            .collect();
-        let views = self.values.map(|bytes| (!bytes.is_empty()).then(|| out.push_view(&bytes, Object::new())));
-        let mut samplers = Vec::new();
-        let mut channels = Vec::new();
-        for channel in self.channels {
-            let (view, kind) = if channel.path == "rotation" { (views[1], "VEC4") } else { (views[0], "VEC3") };
-            let output = out.push(
-                "accessors",
-                json!({
-                    "bufferView": view, "byteOffset": channel.byte_offset, "componentType": 5126, "type": kind,
-                    "count": channel.count,
-                }),
-            );
-            let target = json!({ "node": channel.node, "path": channel.path });
-            channels.push(json!({ "sampler": samplers.len(), "target": target }));
-            let input = inputs[channel.frame_set];
-            let interpolation = if channel.path == "scale" { "STEP" } else { "LINEAR" };
-            samplers.push(json!({ "input": input, "output": output, "interpolation": interpolation }));
-        }
-        out.push("animations", json!({ "name": "pile", "channels": channels, "samplers": samplers }));
-    }
 }
 
 /// A GLB of the two chunks; the binary one is left out when there is nothing in it.

@@ -3,17 +3,20 @@
 //! Metres and kilograms, Z up, as MuJoCo has it: Cairn's (x, y, z) is (x, -z, y) here. Each free body is a `body` with
 //! a `freejoint`, with the mass and inertia that it had in the bake, and one `geom` for each convex part of its
 //! collision shape. Bodies that are glued to each other are one `body`, named `cluster.N`; one that is glued to the
-//! ground has no joint. A body's geoms are named `NAME.PART`, by its name in all formats. The ground is a plane.
+//! ground, or that the scene keeps where it is, has no joint. A body's geoms are named `NAME.PART`, by its name in all
+//! formats. The ground is a plane. Scenery, where it is in the last frame, is `scenery.PIECE.PART`: MuJoCo knows only
+//! convex solids, so what is not convex is plates as thin as a twentieth of a prop.
 //!
 //! MuJoCo softens contacts. They are as hard here as the time step bears, a hundredth of the characteristic time
 //! sqrt(d / g), where d is the diameter of the median prop.
 
-use super::glue::GlueMembership;
+use super::convex_cover::{ConvexCover, CoverLimits};
+use super::physics::{MassModel, RigidGroup, SceneryCollider};
 use super::{Encoded, ExportError, ExportScene, body_names};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::prepare::shape::Solid;
 use cairn_core::report::bake::{BakedBody, BakedPile, BakedWorld};
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use quick_xml::Writer;
 use std::collections::BTreeMap;
 use std::io::Result;
@@ -24,6 +27,12 @@ const STEP: f64 = 0.01;
 const CONTACT: f64 = 2.0;
 /// Depth within which a contact reaches its full stiffness, d.
 const SOFT: f64 = 1e-3;
+/// Scenery farther than this from the pile is left out, d.
+const REACH: f64 = 20.0;
+/// Thickness of scenery that is a sheet or not convex, d: its outer faces are where they were.
+const PLATE: f64 = 0.05;
+/// Convex solids of the scenery at most: MuJoCo takes a second for some thousands.
+const MOST_SOLIDS: usize = 4000;
 
 type Xml = Writer<Vec<u8>>;
 
@@ -31,6 +40,21 @@ type Xml = Writer<Vec<u8>>;
 pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Encoded, ExportError> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 1);
     let names = body_names(bake, scene);
+    let masses = MassModel { bake, turn: upright() };
+    let colliders = SceneryCollider::all(bake, scene);
+    let (low, high) = masses.bounds();
+    let (reach, mut left_out, mut scenery) = (DVec3::splat(REACH * bake.world.diameter), 0, Vec::new());
+    for SceneryCollider { piece, mesh, friction } in &colliders {
+        let limits = CoverLimits {
+            bounds: (low - reach, high + reach),
+            thickness: PLATE * bake.world.diameter,
+            most: MOST_SOLIDS.saturating_sub(scenery.len()),
+        };
+        let cover = ConvexCover::new(mesh, &limits);
+        left_out += cover.left_out;
+        let named = |(part, points)| (format!("scenery.{piece}.{part}"), *friction, points);
+        scenery.extend(cover.solids.into_iter().enumerate().map(named));
+    }
     let mut meshes = BTreeMap::new();
     for &BakedBody { prop, scale, .. } in &bake.bodies {
         let count = meshes.len();
@@ -43,34 +67,41 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Enco
         settings(xml, &bake.world)?;
         xml.create_element("asset").write_inner_content(|xml| {
             for (&(prop, scale), number) in &meshes {
-                hulls(xml, &bake.solids[prop].solid, f64::from_bits(scale), *number)?;
+                let Solid::Convex(parts) = &bake.solids[prop].solid else { continue };
+                for (part, points) in parts.iter().enumerate() {
+                    let corners = points.iter().map(|&point| point * f64::from_bits(scale));
+                    mesh(xml, &format!("{number}.{part}"), "convex", corners)?;
+                }
+            }
+            for (name, _, points) in &scenery {
+                mesh(xml, name, "shell", points.iter().map(|&point| upright() * point))?;
             }
             Ok(())
         })?;
         xml.create_element("worldbody").write_inner_content(|xml| {
             ground(xml, &bake.world)?;
-            let count = bake.bodies.len();
-            let glue = bake.glue.as_ref();
-            let held = glue.map_or(vec![GlueMembership::default(); count], |glue| GlueMembership::all(glue, count));
-            let solids = Solids { bake, names: &names, meshes: &meshes };
-            for (body, GlueMembership { cluster, anchored }) in held.into_iter().enumerate() {
-                match glue.zip(cluster) {
-                    None => solids.write(xml, &names[body], &[body], anchored)?,
-                    Some((glue, number)) if glue.clusters[number][0] == body => {
-                        solids.write(xml, &format!("cluster.{number}"), &glue.clusters[number], anchored)?;
-                    }
-                    // It is written with the first one of its cluster.
-                    Some(_) => {}
-                }
+            for (name, friction, _) in &scenery {
+                xml.create_element("geom")
+                    .with_attributes([
+                        ("name", name.as_str()),
+                        ("type", "mesh"),
+                        ("mesh", name),
+                        ("friction", &numbers([*friction, 0.0, 0.0])),
+                    ])
+                    .write_empty()?;
             }
-            Ok(())
+            let solids = Solids { masses, names: &names, meshes: &meshes };
+            RigidGroup::all(bake, &names).iter().try_for_each(|group| solids.write(xml, group))
         })?;
         Ok(())
     })?;
     let mut encoded = Encoded::single(xml.into_inner());
-    if !scene.scenery.is_empty() {
-        let text = "scenery: a MuJoCo model has none of it; add it there as geoms, or what leans on it falls";
-        encoded.left_out.push(text.into());
+    if left_out > 0 {
+        encoded.left_out.push(format!(
+            "scenery: {left_out} of its {} triangles are not in the MuJoCo model: they are far from the pile, or there \
+             are too many near it. Bodies that get there fall",
+            colliders.iter().map(|collider| collider.mesh.triangles.len()).sum::<usize>()
+        ));
     }
     Ok(encoded)
 }
@@ -119,92 +150,53 @@ fn ground(xml: &mut Xml, world: &BakedWorld) -> Result<()> {
     Ok(())
 }
 
-/// The convex parts of a prop at one scale.
-fn hulls(xml: &mut Xml, solid: &Solid, scale: f64, number: usize) -> Result<()> {
-    let Solid::Convex(parts) = solid else { return Ok(()) };
-    for (part, points) in parts.iter().enumerate() {
-        let corners = points.iter().flat_map(|&point| (point * scale).to_array());
-        xml.create_element("mesh")
-            .with_attributes([
-                ("name", format!("{number}.{part}").as_str()),
-                ("inertia", "convex"),
-                ("vertex", &numbers(corners)),
-            ])
-            .write_empty()?;
-    }
+/// A convex solid, the hull of its corners.
+fn mesh(xml: &mut Xml, name: &str, inertia: &str, corners: impl Iterator<Item = DVec3>) -> Result<()> {
+    let corners = numbers(corners.flat_map(|corner| corner.to_array()));
+    xml.create_element("mesh")
+        .with_attributes([("name", name), ("inertia", inertia), ("vertex", &corners)])
+        .write_empty()?;
     Ok(())
 }
 
 /// Writes bodies that move as one.
 struct Solids<'a> {
-    bake: &'a BakedPile,
+    masses: MassModel<'a>,
     names: &'a [String],
     /// The number of the meshes of a prop at a scale, by its bits.
     meshes: &'a BTreeMap<(usize, u64), usize>,
 }
 
 impl Solids<'_> {
-    fn write(&self, xml: &mut Xml, name: &str, members: &[usize], is_anchored: bool) -> Result<()> {
-        let mass: f64 = members.iter().map(|&body| self.mass(body)).sum();
-        let center = members.iter().map(|&body| self.mass(body) * self.place(body).translation).sum::<DVec3>() / mass;
-        // A body alone keeps its axes; the others have the world's.
-        let axes = if let [body] = members { self.place(*body).rotation } else { DQuat::IDENTITY };
-        let own = Pose { translation: center, rotation: axes };
+    fn write(&self, xml: &mut Xml, group: &RigidGroup) -> Result<()> {
+        let (masses, members) = (&self.masses, &group.members);
+        let frame = masses.frame(members);
+        let (pos, quat) = (numbers(frame.translation.to_array()), quaternion(frame.rotation));
         xml.create_element("body")
-            .with_attributes([("name", name), ("pos", &numbers(center.to_array())), ("quat", &quaternion(axes))])
+            .with_attributes([("name", group.name.as_str()), ("pos", &pos), ("quat", &quat)])
             .write_inner_content(|xml| {
-                if !is_anchored {
+                if !group.is_fixed {
                     xml.create_element("freejoint").write_empty()?;
                 }
-                let inertia: DMat3 = members.iter().map(|&body| self.inertia(body, &own)).sum();
+                let inertia = masses.inertia_in(members, &frame);
                 let full =
                     [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)].map(|(row, column)| inertia.col(column)[row]);
                 xml.create_element("inertial")
                     .with_attributes([
                         ("pos", "0 0 0"),
-                        ("mass", number(mass).as_str()),
+                        ("mass", number(masses.total(members)).as_str()),
                         ("fullinertia", &numbers(full)),
                     ])
                     .write_empty()?;
-                members.iter().try_for_each(|&body| self.geoms(xml, body, &own))
+                members.iter().try_for_each(|&body| self.geoms(xml, body, &frame))
             })?;
         Ok(())
     }
 
-    fn mass(&self, body: usize) -> f64 {
-        let BakedBody { prop, scale, .. } = self.bake.bodies[body];
-        self.bake.solids[prop].mass * scale.powi(3)
-    }
-
-    /// The pose of a body's centre of mass and axes at the last frame, MuJoCo's axes.
-    fn place(&self, body: usize) -> Pose {
-        let BakedBody { prop, scale, .. } = self.bake.bodies[body];
-        let Some(&pose) = self.bake.frames.last().and_then(|frame| frame.get(body)) else { return Pose::IDENTITY };
-        let center = pose.transform_point(self.bake.solids[prop].center * scale);
-        Pose { translation: upright() * center, rotation: upright() * pose.rotation }
-    }
-
-    /// About the origin of a frame, along its axes.
-    fn inertia(&self, body: usize, frame: &Pose) -> DMat3 {
-        let BakedBody { prop, scale, .. } = self.bake.bodies[body];
-        let (principal, turn) = self.bake.solids[prop].inertia;
-        let local = self.local(body, frame);
-        let axes = DMat3::from_quat(local.rotation * turn);
-        let arm = local.translation;
-        let outer = DMat3::from_cols(arm * arm.x, arm * arm.y, arm * arm.z);
-        let parallel = DMat3::from_diagonal(DVec3::splat(arm.length_squared())) - outer;
-        axes * DMat3::from_diagonal(principal * scale.powi(5)) * axes.transpose() + parallel * self.mass(body)
-    }
-
-    fn local(&self, body: usize, frame: &Pose) -> Pose {
-        let place = self.place(body);
-        let back = frame.rotation.inverse();
-        Pose { translation: back * (place.translation - frame.translation), rotation: back * place.rotation }
-    }
-
     fn geoms(&self, xml: &mut Xml, body: usize, frame: &Pose) -> Result<()> {
-        let BakedBody { prop, scale, .. } = self.bake.bodies[body];
-        let (solid, local) = (&self.bake.solids[prop], self.local(body, frame));
+        let bake = self.masses.bake;
+        let BakedBody { prop, scale, .. } = bake.bodies[body];
+        let (solid, local) = (&bake.solids[prop], self.masses.local(body, frame));
         let friction = numbers([solid.friction, 0.0, 0.0]);
         let parts: Vec<(&str, DVec3, DQuat, (&str, String))> = match &solid.solid {
             Solid::Box(b) => vec![("box", b.center, b.rotation, ("size", numbers((b.half * scale).to_array())))],

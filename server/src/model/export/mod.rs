@@ -1,13 +1,17 @@
-//! Writers of a finished bake: an animated `.glb`, USD, tables as `.json` and `.csv`, and MuJoCo's `.xml`.
+//! Writers of a finished bake: an animated `.glb`, USD, tables as `.json` and `.csv`; MuJoCo's `.xml` and a `.glb` with
+//! physics, to be simulated further; and a `.glb` of the collision shapes.
 //!
 //! The same bake and sources give the same bytes. A file appears complete or not at all.
 
+mod convex_cover;
 mod copy;
 mod glb;
 mod glue;
 mod hierarchy;
 mod left_out;
 mod mjcf;
+mod physics;
+mod size;
 mod sources;
 mod table;
 mod tracks;
@@ -15,10 +19,12 @@ mod usd;
 
 use crate::files::{FileSource, folder_of, write_atomically};
 use crate::wire::proto::OutputFormat;
+use cairn_core::input::scene::StaticModel;
 use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::document::DocumentError;
 use cairn_gltf::{Document, Resolver};
+use size::FormatSize;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -30,6 +36,8 @@ pub struct ExportScene<'a> {
     pub props: Vec<SourceModel<'a>>,
     /// Static geometry, as placed in the world.
     pub scenery: Vec<SourceModel<'a>>,
+    /// What the bodies met besides each other and the ground, where it was placed: the scenery, then earlier results.
+    pub colliders: &'a [StaticModel],
     /// The origin of the result, which the result states.
     pub origin: Option<&'a serde_json::Value>,
     /// The figures of the pile, for formats that hold them.
@@ -118,6 +126,8 @@ pub enum Format {
     Json,
     Csv,
     Mjcf,
+    GlbPhysics,
+    GlbHulls,
 }
 
 /// Everything that is particular to a format.
@@ -135,36 +145,19 @@ struct FormatRow {
     size: FormatSize,
 }
 
-/// Upper bounds of the size of a result's parts, bytes, besides its models. `tests/cli/outputs.rs` holds results
-/// against them.
-#[derive(Clone, Copy)]
-pub struct FormatSize {
-    /// Of what every result has.
-    pub file: u64,
-    /// Of a body, at rest.
-    pub body: u64,
-    /// Of a body in one frame.
-    pub pose: u64,
-}
-
-impl FormatSize {
-    /// Nodes, channels and accessors as JSON; times, places and turns as floats.
-    const GLB: FormatSize = FormatSize { file: 16 << 10, body: 1500, pose: 32 };
-    /// Places, turns and velocities as floats.
-    const USD: FormatSize = FormatSize { file: 64 << 10, body: 200, pose: 52 };
-    /// The same as text.
-    const USDA: FormatSize = FormatSize { pose: 260, ..FormatSize::USD };
-    /// Numbers with all their digits.
-    const TABLE: FormatSize = FormatSize { file: 16 << 10, body: 200, pose: 220 };
-    /// Each body's geoms, and the corners of a hull, since each may have a scale of its own. Props of many parts and
-    /// many scales take more.
-    const MODEL: FormatSize = FormatSize { file: 16 << 10, body: 5 << 10, pose: 0 };
-}
-
 impl Format {
     /// In the order in which help and messages list them.
-    pub const ALL: [Format; 7] =
-        [Format::Glb, Format::Usdc, Format::Usda, Format::Usdz, Format::Json, Format::Csv, Format::Mjcf];
+    pub const ALL: [Format; 9] = [
+        Format::Glb,
+        Format::Usdc,
+        Format::Usda,
+        Format::Usdz,
+        Format::Json,
+        Format::Csv,
+        Format::Mjcf,
+        Format::GlbPhysics,
+        Format::GlbHulls,
+    ];
 
     fn row(self) -> FormatRow {
         let row = |extension, wire, writer| FormatRow {
@@ -205,6 +198,16 @@ impl Format {
                 size: FormatSize::MODEL,
                 ..row("xml", OutputFormat::Mjcf, mjcf::encode)
             },
+            Format::GlbPhysics => FormatRow {
+                holds_measures: false,
+                size: FormatSize::GLB_PHYSICS,
+                ..row("physics.glb", OutputFormat::GlbPhysics, glb::encode_physics)
+            },
+            Format::GlbHulls => FormatRow {
+                holds_measures: false,
+                size: FormatSize::GLB_HULLS,
+                ..row("hulls.glb", OutputFormat::GlbHulls, glb::encode_hulls)
+            },
         }
     }
 
@@ -242,9 +245,11 @@ impl Format {
         Format::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.extension()))
     }
 
-    /// The format that a path's extension names.
+    /// The format that a path's ending names: the longest that is one, `.hulls.glb` before `.glb`.
     pub fn of(path: &Path) -> Option<Format> {
-        Format::from_extension(path.extension()?.to_str()?)
+        let name = path.file_name()?.to_str()?;
+        let endings = name.match_indices('.').map(|(at, _)| &name[at + 1..]);
+        endings.skip(usize::from(name.starts_with('.'))).find_map(Format::from_extension)
     }
 
     /// The format of the schema's value. Unset, it is `.glb`.
@@ -373,6 +378,6 @@ mod tests {
             assert_eq!(Format::from_wire(wire).wire(), wire);
         }
         assert_eq!(schema.len(), Format::ALL.len());
-        assert_eq!(Format::endings(), ".glb, .usdc, .usda, .usdz, .json, .csv or .xml");
+        assert_eq!(Format::endings(), ".glb, .usdc, .usda, .usdz, .json, .csv, .xml, .physics.glb or .hulls.glb");
     }
 }

@@ -28,6 +28,7 @@ use glam::{DMat3, DQuat, DVec3};
 use mass::Moments;
 use rapier3d::math::{Pose as EnginePose, Vector};
 use rapier3d::prelude::{MassProperties, SharedShape};
+use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
 
 pub use convex::hull_mesh;
@@ -35,6 +36,7 @@ pub use corners::corners;
 pub use fit::OrientedBox;
 pub use hull::{Facet, Hull};
 pub use kind::ShapeKind;
+pub use mass::principal;
 pub use nest::NestingPose;
 pub use size::Size;
 pub use summary::{ShapeSummary, summaries};
@@ -277,6 +279,20 @@ impl Solid {
         }
     }
 
+    /// A closed mesh of each convex piece. That of a ball lies within it.
+    pub fn meshes(&self) -> Vec<TriMesh> {
+        let hull = |points: Vec<DVec3>| convex::hull_mesh(&points);
+        match self {
+            Solid::Box(OrientedBox { center, rotation, half }) => {
+                let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+                let at = |corner| DVec3::new(sign(corner, 0), sign(corner, 1), sign(corner, 2)) * *half;
+                vec![hull((0..8).map(|corner| *center + *rotation * at(corner)).collect())]
+            }
+            Solid::Ball { center, radius } => vec![hull(sphere().map(|p| *center + p * *radius).collect())],
+            Solid::Convex(parts) => parts.iter().map(|part| convex::hull_mesh(part)).collect(),
+        }
+    }
+
     fn moved(self, by: DVec3) -> Solid {
         match self {
             Solid::Box(b) => Solid::Box(OrientedBox { center: b.center + by, ..b }),
@@ -310,6 +326,17 @@ impl Solid {
             }
         }
     }
+}
+
+/// Points of the unit sphere.
+pub fn sphere() -> impl Iterator<Item = DVec3> {
+    (0..=8).flat_map(|i| {
+        let (height, out) = (libm::cos(PI * f64::from(i) / 8.0), libm::sin(PI * f64::from(i) / 8.0));
+        (0..16).map(move |k| {
+            let turn = TAU * f64::from(k) / 16.0;
+            DVec3::new(out * libm::cos(turn), height, out * libm::sin(turn))
+        })
+    })
 }
 
 /// The reason, if a mesh has no usable inside.

@@ -19,13 +19,13 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Values at moments, by their frames.
 type Samples = Vec<(f64, Value)>;
 
-/// Writes the bodies below the pile's prim.
+/// Writes the bodies below the pile's prim. Gives the prims of their props.
 pub fn write<'a>(
     stage: &mut UsdStage<'a>,
     pile: &Path,
     bake: &BakedPile,
     scene: &'a ExportScene,
-) -> Result<(), ExportError> {
+) -> Result<BTreeMap<usize, Path>, ExportError> {
     let layout = stage.layer.layout.clone();
     let instancer = stage.layer.prim(pile, "Bodies", "PointInstancer");
     let (prototypes, bounds) = prototypes(stage, &instancer, bake, scene)?;
@@ -74,7 +74,7 @@ pub fn write<'a>(
         layer.primvar(&instancer, "int[] primvars:cairn:cluster", "vertex", clusters);
         layer.primvar(&instancer, "bool[] primvars:cairn:anchored", "vertex", anchored);
     }
-    Ok(())
+    Ok(prototypes.into_iter().map(|(prop, (_, prim))| (prop, prim)).collect())
 }
 
 /// The props that bodies have, by their numbers: place among the prototypes, and prim. And the bounding box of each.

@@ -126,6 +126,18 @@ impl Layer {
         }
     }
 
+    /// Names the API schemas of a prim, all that it has.
+    pub fn apply_all(&mut self, prim: &Path, schemas: &[&str]) {
+        if let [one] = schemas {
+            return self.apply(prim, one);
+        }
+        let schemas: Vec<Token> = schemas.iter().copied().map(Token::from).collect();
+        match self.encoding {
+            Encoding::Text => self.set(prim, "prepend apiSchemas", schemas),
+            Encoding::Crate => self.set(prim, FieldKey::ApiSchemas, Value::TokenListOp(ListOp::prepended(schemas))),
+        }
+    }
+
     /// Adds an attribute, declared as in `.usda`: `uniform token subdivisionScheme`.
     pub fn attribute(&mut self, prim: &Path, declared: &str, value: impl Into<Value>) {
         let path = self.declare(prim, declared);

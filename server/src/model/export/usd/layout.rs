@@ -23,6 +23,8 @@ pub struct Layout {
     pub motion: UsdMotion,
     /// Models are copied, also where there are assets to refer to.
     pub embeds: bool,
+    /// The pile can be simulated further.
+    pub has_physics: bool,
     /// Before the paths of assets, if the scene says so.
     pub asset_folder: Option<String>,
 }
@@ -86,6 +88,7 @@ impl Layout {
             purpose,
             motion: given.motion(),
             embeds: given.embed(),
+            has_physics: given.physics(),
             asset_folder,
         };
         if problems.is_empty() { Ok(layout) } else { Err(problems) }

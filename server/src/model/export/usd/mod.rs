@@ -13,6 +13,7 @@
 //!   Its primvars `cairn:bodies` (the second is -1 for the ground or scenery), `cairn:normal`, `cairn:force`,
 //!   `cairn:moment` and `cairn:broken` are those of the `.glb`; the bodies' primvars `cairn:cluster` (-1: none) and
 //!   `cairn:anchored`, too.
+//! - `Physics`, if the scene's `usd` asks for it: the pile of the last frame for simulators (`physics.rs`).
 //!
 //! Metres, Y up, from time code 0 on, unless the scene's `usd` asks for other axes, units and time codes ([`layout`]).
 //! Props and scenery that are USD themselves are references to their files, unless copies are asked for. The figures of
@@ -28,6 +29,7 @@ pub mod layout;
 mod material;
 mod model;
 mod origin;
+mod physics;
 mod stage;
 mod textures;
 mod to_gltf;
@@ -134,13 +136,16 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene, layout: Lay
 
     let mut stage = UsdStage::new(layer);
     stage.has_groups = has_references && matches!(layout.kind(true), "group" | "assembly");
-    instancer::write(&mut stage, &pile, bake, scene)?;
+    let prototypes = instancer::write(&mut stage, &pile, bake, scene)?;
     if !scene.scenery.is_empty() {
         scenery(&mut stage, &pile, bake, scene)?;
     }
     let UsdStage { mut layer, textures, left_out, .. } = stage;
     if let Some(glue) = &bake.glue {
         glue::write(&mut layer, &pile, glue);
+    }
+    if layer.layout.has_physics {
+        physics::write(&mut layer, &pile, bake, scene, &prototypes);
     }
     let sentence = |(model, what): (String, String)| format!("{model}: a USD result has no {what}");
     let left_out = left_out.into_iter().map(sentence).collect();

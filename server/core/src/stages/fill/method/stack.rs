@@ -13,7 +13,7 @@ use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::smallest_rectangle;
 use crate::input::observer::Observer;
 use crate::input::scene::{Prop, Turns};
-use crate::prepare::shape::{NestingPose, Shape, Solid, corners, hull_mesh};
+use crate::prepare::shape::{NestingPose, Shape, Solid, corners, hull_mesh, sphere};
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::{FillTask, Filling};
 use course::{Course, kind};
@@ -21,7 +21,6 @@ use field::{Footprint, HeightField};
 use glam::{DQuat, DVec2, DVec3};
 use place::find;
 use stable_pose::{StablePose, flattest, upright};
-use std::f64::consts::{PI, TAU};
 
 /// Number of batches in which bodies are laid, and the time for which each settles, characteristic times.
 const BATCHES: usize = 5;
@@ -128,16 +127,6 @@ const NESTED: f64 = 0.9;
 const ROUND: f64 = 1.1;
 /// Number of rotations in which a round prop is tried in another one.
 const TURNS: usize = 24;
-/// Points of the unit sphere.
-fn sphere() -> impl Iterator<Item = DVec3> {
-    (0..=8).flat_map(|i| {
-        let (height, out) = (libm::cos(PI * f64::from(i) / 8.0), libm::sin(PI * f64::from(i) / 8.0));
-        (0..16).map(move |k| {
-            let turn = TAU * f64::from(k) / 16.0;
-            DVec3::new(out * libm::cos(turn), height, out * libm::sin(turn))
-        })
-    })
-}
 
 /// An empty height field of the container, in cells into which the props fit.
 fn field_of(task: &FillTask, props: &[Layable]) -> HeightField {
