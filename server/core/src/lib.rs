@@ -12,13 +12,10 @@
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
 //!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
 //!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`stages::hold`]): the simulation continues until the pile is at rest. At accuracy `reference`, visible
-//!    meshes that still cut each other are then moved apart ([`stages::separate`]).
+//! 6. **Hold** ([`stages::hold`]): until the pile is at rest. Visible meshes may then be separated ([`stages::separate`]).
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
-//! Synchronous and pure: no files, no clock, no wire, no global randomness.
-//!
-//! A caller builds a [`Scene`] (the meshes), [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames,
+//! Synchronous and pure: no files, no clock, no wire, no global randomness. A caller builds a [`Scene`] (the meshes), [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames,
 //! clock):
 //!
 //! ```no_run
@@ -59,7 +56,7 @@ use geometry::interior::DistanceGrid;
 use geometry::pose::Pose;
 use input::observer::{Observer, Silent, Stage};
 use input::params::{Params, ReleaseOrder, Switch};
-use input::scene::{Scene, StaticModel};
+use input::scene::{Prop, Scene, StaticModel};
 use prepare::check::{self, CheckedScene};
 use prepare::container::{Container, grid};
 use prepare::effects::{EffectName, Resolved};
@@ -256,8 +253,7 @@ pub struct Released<'a> {
     sim: Simulation<'a>,
     glued: Option<Glued>,
     held: HoldOutcome,
-    /// With its CPU seconds.
-    separation: Option<(Separation, f64)>,
+    separation: Option<Separation>,
     /// With every frame that was kept.
     pile: BakedPile,
     clock: Clock,
@@ -281,9 +277,9 @@ pub fn release_pile<'a>(
             // The fill is inside the container: only a region of its own matters.
             let region = full.region.as_ref().filter(|_| resolved.is_on(EffectName::Region));
             let restart = || full.turn_over_as(scene, params, &resolved);
-            // What is glued to scenery that moves would stay behind.
             let mut own = params.clone();
             if full.checked.rides {
+                // What is glued to scenery that moves would stay behind.
                 own.glue.anchor = Switch::Off;
             }
             Some(glue::run(&mut sim, &restart, region, &own, &resolved, observer)?)
@@ -292,8 +288,7 @@ pub fn release_pile<'a>(
     };
     clock.lap(Stage::Glue, observer);
 
-    let is_staged = resolved.is_on(EffectName::StagedRelease);
-    let order = if is_staged { params.release.order } else { ReleaseOrder::AtOnce };
+    let order = if resolved.is_on(EffectName::StagedRelease) { params.release.order } else { ReleaseOrder::AtOnce };
     let stands = resolved.is_on(EffectName::Stand);
     let container = full.filled.as_ref().map(|(container, _)| container);
     let support = |place| container.map_or(0.0, |container| container.support(place));
@@ -305,17 +300,13 @@ pub fn release_pile<'a>(
     }
 
     let held = hold::run(&mut sim, params, stands, observer)?;
-    let begin = observer.cpu_seconds();
-    let separation = resolved.is_on(EffectName::Separation).then(|| {
-        let ground = params.ground.then_some(full.checked.ground);
-        separate::run(&mut sim.pile, held.at_rest, params.output.frames, ground)
-    });
-    let separation_seconds = observer.cpu_seconds() - begin;
+    let ground = params.ground.then_some(full.checked.ground);
+    let separation = resolved.is_on(EffectName::Separation);
+    let separation = separation.then(|| separate::run(&mut sim.pile, held.at_rest, params, ground, observer));
     hold::finish(&mut sim, params, observer);
     clock.lap(Stage::Hold, observer);
 
     let pile = baked_pile(scene, params, full, &sim, glued.is_some())?;
-    let separation = separation.map(|found| (found, separation_seconds));
     Ok(Released { scene, params, full, resolved, plan, sim, glued, held, separation, pile, clock })
 }
 
@@ -336,8 +327,8 @@ fn baked_pile(
     let count = if recorder.keeps() { frames.len() } else { recorder.count() + 1 };
     let scenery = scenery_frames(scene, fps, count);
     let glue = is_glued.then(|| report::baked_glue(sim));
-    let props = full.shapes.iter().zip(&scene.props);
-    let solids = props.map(|(shape, prop)| BakedSolid::new(shape, prop.friction)).collect();
+    let solid = |(shape, prop): (&Shape, &Prop)| BakedSolid::new(shape, prop.friction);
+    let solids = full.shapes.iter().zip(&scene.props).map(solid).collect();
     let world = BakedWorld {
         gravity: params.gravity,
         ground: params.ground.then_some(full.checked.ground),
@@ -380,8 +371,7 @@ impl Released<'_> {
         if full.is_cached {
             report.recall_fill();
         }
-        let keeps = self.sim.pile.recorder.keeps();
-        let pile = if keeps { self.pile } else { self.pile.last_frame() };
+        let pile = if self.sim.pile.recorder.keeps() { self.pile } else { self.pile.last_frame() };
         Ok(Bake { pile, report })
     }
 }

@@ -33,8 +33,7 @@ pub struct ReportInputs<'a> {
     /// The core, where the pile is a shell.
     pub core: Option<&'a Core>,
     pub held: HoldOutcome,
-    /// With its CPU seconds.
-    pub separation: Option<(Separation, f64)>,
+    pub separation: Option<Separation>,
     /// `None`: nothing is glued.
     pub glued: Option<&'a Glued>,
     /// With every frame that was kept.

@@ -65,9 +65,9 @@ pub fn report(
     };
     measures.extend(seen);
     own.visible = observer.cpu_seconds() - begin;
-    let separation = inputs.separation.map(|(found, _)| found);
+    let separation = inputs.separation;
     measures.insert("separation_max_rel", separation.map(|found| found.farthest));
-    own.separation = inputs.separation.map_or(0.0, |(_, seconds)| seconds);
+    own.separation = separation.map_or(0.0, |found| found.seconds);
     let begin = observer.cpu_seconds();
     let support = match resolved.is_on(EffectName::SupportFigures) {
         true => contacts::support(&sim.pile.world, &mut || observer.progress(&inputs.progress(0.9)))?,

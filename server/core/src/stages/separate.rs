@@ -8,6 +8,8 @@
 use crate::geometry::crossing::Surface;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
+use crate::input::observer::Observer;
+use crate::input::params::Params;
 use crate::measure::Neighbourhood;
 use crate::sim::pile::Pile;
 use glam::{DAffine3, DQuat, DVec3};
@@ -18,7 +20,9 @@ const CLEARANCE: f64 = 1e-4;
 /// No body is moved farther, in its thicknesses. Overlaps add up from layer to layer.
 const FARTHEST: f64 = 0.25;
 /// Bound on the rounds; each moves apart every pair that still cuts.
-const MOST_ROUNDS: usize = 300;
+const MOST_ROUNDS: usize = 1000;
+/// A pair is moved apart by so much more than it overlaps: what is below others needs fewer rounds.
+const OVER_RELAXATION: f64 = 1.5;
 
 /// What was done.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,6 +37,8 @@ pub struct Separation {
     pub farthest: f64,
     /// The pile did not rest before the last frame, and was left as it is.
     pub left: bool,
+    /// CPU seconds.
+    pub seconds: f64,
 }
 
 /// A mesh at its place: a body, or a piece of scenery, which stays.
@@ -65,10 +71,17 @@ impl Item {
     }
 }
 
-/// Moves the bodies of the last frame apart, and adds the frame that shows them so. `most_frames`: none is added beyond
-/// these; `ground`: its height, m.
-pub fn run(pile: &mut Pile, rests: bool, most_frames: Option<u32>, ground: Option<f64>) -> Separation {
-    let may_add = rests && most_frames.is_none_or(|most| pile.recorder.count() < most as usize);
+/// Moves the bodies of the last frame apart, where the pile rests, and adds the frame that shows them so. `ground`: its
+/// height, m.
+pub fn run(
+    pile: &mut Pile,
+    rests: bool,
+    params: &Params,
+    ground: Option<f64>,
+    observer: &mut dyn Observer,
+) -> Separation {
+    let begin = observer.cpu_seconds();
+    let may_add = rests && params.output.frames.is_none_or(|most| pile.recorder.count() < most as usize);
     let scenery = pile.scene.statics.len();
     let (mut items, ids) = items(pile, ground);
     let props = pile.scene.props.iter().map(|prop| &prop.model.mesh);
@@ -76,19 +89,22 @@ pub fn run(pile: &mut Pile, rests: bool, most_frames: Option<u32>, ground: Optio
     let surfaces: Vec<Surface> = meshes.par_iter().map(|mesh| Surface::new(mesh)).collect();
     let pairs = pairs(&items, &surfaces);
     let mut dirty = vec![true; items.len()];
+    let between = |items: &[Item], [i, j]: [usize; 2]| items[i].map().inverse() * items[j].map();
     for _ in 0..if may_add { MOST_ROUNDS } else { 0 } {
-        let is_dirty = |&&[i, j]: &&[usize; 2]| dirty[i] || dirty[j];
-        let overlap = |&[i, j]: &[usize; 2]| {
-            let map = items[i].map().inverse() * items[j].map();
-            let found = surfaces[items[i].prop].overlap(&surfaces[items[j].prop], &map)?;
-            Some(([i, j], found))
+        let crosses = |&[i, j]: &[usize; 2]| {
+            let is_new = dirty[i] || dirty[j];
+            is_new && surfaces[items[i].prop].crosses(&surfaces[items[j].prop], &between(&items, [i, j]))
         };
-        let looked_at: Vec<[usize; 2]> = pairs.iter().filter(is_dirty).copied().collect();
-        let found: Vec<_> = looked_at.par_iter().filter_map(overlap).collect();
+        let found: Vec<[usize; 2]> = pairs.par_iter().copied().filter(crosses).collect();
         dirty.fill(false);
-        for ([i, j], found) in found {
+        // Each as those before it have left it.
+        for [i, j] in found {
+            (dirty[i], dirty[j]) = (true, true);
+            let map = between(&items, [i, j]);
+            let Some(found) = surfaces[items[i].prop].overlap(&surfaces[items[j].prop], &map) else { continue };
             let unit = items[i].thickness.min(items[j].thickness);
-            let way = (items[i].pose.rotation * found.way_out) * (found.depth * items[i].scale + CLEARANCE * unit);
+            let far = OVER_RELAXATION * found.depth * items[i].scale + CLEARANCE * unit;
+            let way = (items[i].pose.rotation * found.way_out) * far;
             let share = match [items[i].stays, items[j].stays] {
                 [true, true] => continue,
                 [true, false] => [0.0, 1.0],
@@ -97,21 +113,19 @@ pub fn run(pile: &mut Pile, rests: bool, most_frames: Option<u32>, ground: Optio
             };
             items[i].push(way * -share[0]);
             items[j].push(way * share[1]);
-            (dirty[i], dirty[j]) = (true, true);
         }
         if !dirty.contains(&true) {
             break;
         }
     }
-    let crosses = |&&[i, j]: &&[usize; 2]| {
-        let map = items[i].map().inverse() * items[j].map();
-        surfaces[items[i].prop].crosses(&surfaces[items[j].prop], &map)
-    };
+    let crosses =
+        |&&[i, j]: &&[usize; 2]| surfaces[items[i].prop].crosses(&surfaces[items[j].prop], &between(&items, [i, j]));
     let cut = pairs.par_iter().filter(crosses).count() as u64;
     let moved: Vec<(usize, &Item)> =
         ids.into_iter().zip(&items[scenery..]).filter(|(_, item)| item.shift != DVec3::ZERO).collect();
     let farthest = moved.iter().map(|(_, item)| item.shift.length() / item.thickness).fold(0.0, f64::max);
-    let found = Separation { pairs: pairs.len() as u64, cut, moved: moved.len() as u64, farthest, left: !may_add };
+    let (moved_count, seconds) = (moved.len() as u64, observer.cpu_seconds() - begin);
+    let found = Separation { pairs: pairs.len() as u64, cut, moved: moved_count, farthest, left: !may_add, seconds };
     if !moved.is_empty() {
         let units = pile.world.units;
         let shifts: Vec<(usize, DVec3)> = moved.into_iter().map(|(id, item)| (id, item.shift / units.length)).collect();
