@@ -12,11 +12,11 @@
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
 //!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
 //!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`stages::hold`]): until the pile is at rest. Visible meshes may then be separated ([`stages::separate`]).
+//! 6. **Hold** ([`stages::hold`]): until the pile rests. Visible meshes may then be separated ([`stages::separate`]).
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
-//! Synchronous and pure: no files, no clock, no wire, no global randomness. A caller builds a [`Scene`] (the meshes), [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames,
-//! clock):
+//! Synchronous and pure: no files, no clock, no wire, no global randomness. A caller builds a [`Scene`] (the meshes),
+//! [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames, clock):
 //!
 //! ```no_run
 //! use cairn_core::input::observer::Silent;
