@@ -15,6 +15,7 @@ from .following import explaining, is_running
 from .layouts import wrapped
 from .panels import Pile
 from .report_panels import draw_shading
+from .result import finish
 from .server import find
 
 # Figures on the objects that were analysed, and their color before.
@@ -56,22 +57,13 @@ def figures(source):
     return json.loads(text) if text else None
 
 
-def _finish(slices):
-    """Runs a generator to its end, and gives what it returns."""
-    while True:
-        try:
-            next(slices)
-        except StopIteration as done:
-            return done.value
-
-
 def write(context, sources, scenery):
     """The bytes of a .glb: a node for each object, named by its number, and scenery."""
     exporter = export.Exporter(context, passive=True)
-    props = _finish(exporter.props(sources))
+    props = finish(exporter.props(sources))
     if exporter.problems:
         raise Fault(exporter.problems[0].text)
-    still = [(source, model) for source, model in _finish(exporter.scenery(scenery))] if scenery else []
+    still = [(source, model) for source, model in finish(exporter.scenery(scenery))] if scenery else []
     meshes, nodes, known = [], [], {}
     for number, prop in enumerate(props):
         if prop.model.sha256 not in known:

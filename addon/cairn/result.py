@@ -189,7 +189,7 @@ def build(context, motion, recipe, record):
             yield CLOSING
     except GeneratorExit:
         # Blender closes the file, or ends.
-        _finish(closing)
+        finish(closing)
         raise
     return collection
 
@@ -312,7 +312,7 @@ def _remember(scene, collection, recipe, record, mode, control):
 def clear(collection):
     """Removes what the bake made in a pile and nobody changed, and the data that only that used; the pile's empty
     stays. Everything else is moved out: gives a sentence about it."""
-    own, others = _finish(belongings.sorted_out(collection))
+    own, others = finish(belongings.sorted_out(collection))
     said = _taken_out(collection, own, others)
     _remove(own)
     return said
@@ -343,7 +343,7 @@ def _taken_out(collection, own, others):
 
 def _remove(objects, made=()):
     """Removes objects that a bake made, and the data that only they used. `made`: parts that are not needed either."""
-    _finish(_removing(objects, made))
+    finish(_removing(objects, made))
 
 
 def _removing(objects, made=()):
@@ -361,7 +361,8 @@ def _removing_all(blocks):
         yield
 
 
-def _finish(generator):
+def finish(generator):
+    """Runs a generator to its end, and gives what it returns."""
     while True:
         try:
             next(generator)

@@ -261,6 +261,12 @@ impl<'a> BalanceProgram<'a> {
             (0..6).for_each(|m| a.push(6 * k + m, e0 + 6 * k + m, 1.0));
             b[6 * k..6 * k + 3].copy_from_slice(&self.down.to_array());
         }
+        self.contact_forces(a);
+        b
+    }
+
+    /// What the contact forces do to each body, with the sign of the left-hand side.
+    pub fn contact_forces(&self, a: &mut Triplets) {
         for (i, link) in self.links.iter().enumerate() {
             for end in &link.ends {
                 for (k, axis) in link.axes.iter().enumerate() {
@@ -273,12 +279,11 @@ impl<'a> BalanceProgram<'a> {
                 }
             }
         }
-        a.height = 6 * bodies;
-        b
+        a.height = 6 * self.pile.bodies.len();
     }
 
     /// (mu fn, ft1, ft2) in the second-order cone; without friction fn >= 0 and ft = 0.
-    fn friction(&self, a: &mut Triplets, cones: &mut Vec<SupportedConeT<f64>>) {
+    pub fn friction(&self, a: &mut Triplets, cones: &mut Vec<SupportedConeT<f64>>) {
         for (i, link) in self.links.iter().enumerate() {
             let row = a.height;
             a.push(row, 3 * i, if link.mu > 0.0 { -link.mu } else { -1.0 });
@@ -295,6 +300,14 @@ impl<'a> BalanceProgram<'a> {
 
     /// Clips the forces into their cones and substitutes; checks the multipliers the same way.
     fn report(&self, x: &[f64], z: &[f64], converged: bool) -> Balance {
+        let (forces, imbalance, normal_forces) = self.substituted(x);
+        let total = imbalance.iter().sum();
+        Balance { bound: self.bound(z, normal_forces).clamp(0.0, total), imbalance, forces, total, converged }
+    }
+
+    /// The forces, clipped into their cones; what they leave of each body, in its weight; the sum of the normal forces,
+    /// each in the weight of the lighter body.
+    pub fn substituted(&self, x: &[f64]) -> (Vec<DVec3>, Vec<f64>, f64) {
         let bodies = self.pile.bodies.len();
         let mut left: Vec<(DVec3, DVec3)> = vec![(self.down, DVec3::ZERO); bodies];
         let mut normal_forces = 0.0;
@@ -310,9 +323,8 @@ impl<'a> BalanceProgram<'a> {
             }
             forces.push(link.unit * force);
         }
-        let imbalance: Vec<f64> = left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).collect();
-        let total = imbalance.iter().sum();
-        Balance { bound: self.bound(z, normal_forces).clamp(0.0, total), imbalance, forces, total, converged }
+        let imbalance = left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).collect();
+        (forces, imbalance, normal_forces)
     }
 
     /// Substitutes the multipliers. For any u with |u_b| <= 1, sum |e_b| >= sum u_b . e_b = gravity's work + the
@@ -326,14 +338,19 @@ impl<'a> BalanceProgram<'a> {
             return 0.0;
         }
         let gravity: f64 = u.iter().map(|(f, _)| f.dot(self.down)).sum();
+        (gravity + self.worst_work(&u) * normal_forces) / largest
+    }
+
+    /// The least work, at most 0, that a contact's force of normal component 1 may do with a motion of the bodies:
+    /// velocity, and angular velocity by the radius.
+    pub fn worst_work(&self, motion: &[(DVec3, DVec3)]) -> f64 {
         let work = self.links.iter().map(|link| {
-            let velocity: DVec3 =
-                link.ends.iter().map(|s| s.sign * s.scale * (u[s.body].0 + u[s.body].1.cross(s.lever))).sum();
+            let of = |s: &LinkEnd| s.sign * s.scale * (motion[s.body].0 + motion[s.body].1.cross(s.lever));
+            let velocity: DVec3 = link.ends.iter().map(of).sum();
             let normal = velocity.dot(link.axes[0]);
             normal - link.mu * (velocity - normal * link.axes[0]).length()
         });
-        let worst = work.fold(0.0, f64::min);
-        (gravity + worst * normal_forces) / largest
+        work.fold(0.0, f64::min)
     }
 }
 

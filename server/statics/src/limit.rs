@@ -82,6 +82,14 @@ pub struct Load {
     pub moment: DVec3,
 }
 
+impl Load {
+    /// In the body's weight, and weight times radius.
+    pub(crate) fn in_weights(&self, body: &GlobalBody, gravity: f64) -> Load {
+        let weight = body.mass * gravity;
+        Load { force: self.force / weight, moment: self.moment / (weight * body.radius) }
+    }
+}
+
 /// A pile with its loads; any consistent unit system. Gravity is a unit here, and no load.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitProblem<'a> {
@@ -161,28 +169,8 @@ pub fn evenly(pile: &GlobalProblem) -> Result<Option<(Vec<DVec3>, f64)>, GlobalP
     let mut a = Triplets::default();
     let mut cones: Vec<SupportedConeT<f64>> = vec![ZeroConeT(6 * bodies)];
     let mut rhs: Vec<f64> = (0..bodies).flat_map(|_| [down.x, down.y, down.z, 0.0, 0.0, 0.0]).collect();
-    for (i, link) in program.links.iter().enumerate() {
-        for end in &link.ends {
-            for (k, axis) in link.axes.iter().enumerate() {
-                let force = end.sign * end.scale * *axis;
-                let torque = end.lever.cross(force);
-                for m in 0..3 {
-                    a.push(6 * end.body + m, 3 * i + k, -force[m]);
-                    a.push(6 * end.body + 3 + m, 3 * i + k, -torque[m]);
-                }
-            }
-        }
-    }
-    a.height = 6 * bodies;
-    for (i, link) in program.links.iter().enumerate() {
-        let scales = [if link.mu > 0.0 { link.mu } else { 1.0 }, 1.0, 1.0];
-        (0..3).for_each(|k| a.push(a.height + k, 3 * i + k, -scales[k]));
-        a.height += 3;
-        match link.mu > 0.0 {
-            true => cones.push(SecondOrderConeT(3)),
-            false => cones.extend([NonnegativeConeT(1), ZeroConeT(2)]),
-        }
-    }
+    program.contact_forces(&mut a);
+    program.friction(&mut a, &mut cones);
     rhs.resize(a.height, 0.0);
     let diagonal: Vec<usize> = (0..width).collect();
     let p = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, vec![1.0; width]);
@@ -190,21 +178,14 @@ pub fn evenly(pile: &GlobalProblem) -> Result<Option<(Vec<DVec3>, f64)>, GlobalP
     let mut solver = DefaultSolver::new(&p, &vec![0.0; width], &matrix, &rhs, &cones, Accuracy::Fine.settings())
         .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
     solver.solve();
-    let mut left: Vec<(DVec3, DVec3)> = vec![(down, DVec3::ZERO); bodies];
-    let mut forces = Vec::with_capacity(program.links.len());
-    for (i, link) in program.links.iter().enumerate() {
-        let f = clip(&solver.solution.x[3 * i..3 * i + 3], link.mu);
-        let force = f[0] * link.axes[0] + f[1] * link.axes[1] + f[2] * link.axes[2];
-        for end in &link.ends {
-            let on_body = end.sign * end.scale * force;
-            left[end.body].0 += on_body;
-            left[end.body].1 += end.lever.cross(on_body);
-        }
-        forces.push(link.unit * force);
-    }
-    let imbalance: f64 = left.iter().map(|(f, t)| (f.length_squared() + t.length_squared()).sqrt()).sum();
-    let balanced = imbalance <= BALANCED * (bodies as f64 / 1000.0).max(1.0);
-    Ok(balanced.then_some((forces, imbalance)))
+    let (forces, imbalance, _) = program.substituted(&solver.solution.x);
+    let imbalance: f64 = imbalance.iter().sum();
+    Ok(is_balance(imbalance, bodies).then_some((forces, imbalance)))
+}
+
+/// Whether forces that leave so much balance a pile: as for glue, per thousand bodies where there are more.
+fn is_balance(imbalance: f64, bodies: usize) -> bool {
+    imbalance.is_finite() && imbalance <= BALANCED * (bodies as f64 / 1000.0).max(1.0)
 }
 
 /// Finds the limit.
@@ -214,8 +195,7 @@ pub fn find(problem: &LimitProblem) -> Result<Limit, GlobalProblemError> {
     let program = BalanceProgram::new(&pile)?;
     let scaled = |loads: &[Load]| -> Vec<f64> {
         let scaled = |(body, load): (&GlobalBody, &Load)| {
-            let (force, moment) =
-                (load.force / (body.mass * gravity), load.moment / (body.mass * gravity * body.radius));
+            let Load { force, moment } = load.in_weights(body, gravity);
             [force.to_array(), moment.to_array()]
         };
         bodies.iter().zip(loads).flat_map(scaled).flatten().collect()
@@ -281,8 +261,7 @@ pub fn find(problem: &LimitProblem) -> Result<Limit, GlobalProblemError> {
         forces.push(link.unit * force);
     }
     let imbalance: f64 = left.chunks_exact(6).map(|e| e.iter().map(|e| e * e).sum::<f64>().sqrt()).sum();
-    // As for glue: per thousand bodies where there are more.
-    let stands = imbalance.is_finite() && imbalance <= BALANCED * (worth / 1000.0).max(1.0);
+    let stands = is_balance(imbalance, bodies.len());
 
     let v: Vec<(DVec3, DVec3)> =
         solver.solution.x.chunks_exact(6).map(|v| (DVec3::from_slice(v), DVec3::from_slice(&v[3..]))).collect();
@@ -290,13 +269,7 @@ pub fn find(problem: &LimitProblem) -> Result<Limit, GlobalProblemError> {
     let fastest = v.iter().map(|(f, t)| f.length().max(t.length())).fold(0.0, f64::max);
     let (mut falls_from, mut motion) = (f64::INFINITY, vec![(DVec3::ZERO, DVec3::ZERO); bodies.len()]);
     if finite && fastest > 0.0 {
-        let worst = program.links.iter().map(|link| {
-            let velocity: DVec3 =
-                link.ends.iter().map(|s| s.sign * s.scale * (v[s.body].0 + v[s.body].1.cross(s.lever))).sum();
-            let normal = velocity.dot(link.axes[0]);
-            normal - link.mu * (velocity - normal * link.axes[0]).length()
-        });
-        let worst = worst.fold(0.0, f64::min);
+        let worst = program.worst_work(&v);
         let work = |load: &[f64]| -> f64 {
             let parts = v.iter().zip(load.chunks_exact(6));
             parts.map(|((f, t), l)| f.dot(DVec3::from_slice(l)) + t.dot(DVec3::from_slice(&l[3..]))).sum()

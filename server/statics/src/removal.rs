@@ -196,12 +196,8 @@ impl<'a> Removals<'a> {
         let number: BTreeMap<usize, usize> = members.iter().enumerate().map(|(k, &member)| (member, k)).collect();
         let bodies: Vec<GlobalBody> = members.iter().map(|&member| self.pile.bodies[member]).collect();
         let mut loads = vec![Load::default(); bodies.len()];
-        let mut touching: Vec<usize> =
-            members.iter().flat_map(|&member| self.touching[member].iter().copied()).collect();
-        touching.sort_unstable();
-        touching.dedup();
         let (mut contacts, mut places, mut sites): (Vec<GlobalContact>, Vec<usize>, Vec<GlueSite>) = Default::default();
-        for at in touching {
+        for at in self.touching_any(&members) {
             let c = &self.pile.contacts[at];
             let ends = [Some(c.body), c.other];
             if ends.contains(&Some(body)) || ends.iter().flatten().any(|&end| self.gone[end]) {
@@ -237,6 +233,15 @@ impl<'a> Removals<'a> {
         (imbalance <= BALANCED).then(|| places.into_iter().zip(forces).collect())
     }
 
+    /// Contacts that touch one of these bodies, ascending.
+    fn touching_any(&self, members: &[usize]) -> Vec<usize> {
+        let mut touching: Vec<usize> =
+            members.iter().flat_map(|&member| self.touching[member].iter().copied()).collect();
+        touching.sort_unstable();
+        touching.dedup();
+        touching
+    }
+
     /// What the known forces leave unbalanced of a body.
     fn left(&self, body: usize) -> Load {
         let GlobalBody { mass, center_of_mass, .. } = self.pile.bodies[body];
@@ -269,12 +274,8 @@ impl<'a> Removals<'a> {
         let bodies: Vec<GlobalBody> = members.iter().map(|&member| self.pile.bodies[member]).collect();
         let mut dead = limit::weights(&bodies, self.pile.gravity);
         let mut live = vec![Load::default(); bodies.len()];
-        let mut touching: Vec<usize> =
-            members.iter().flat_map(|&member| self.touching[member].iter().copied()).collect();
-        touching.sort_unstable();
-        touching.dedup();
         let (mut contacts, mut places) = (Vec::new(), Vec::new());
-        for at in touching {
+        for at in self.touching_any(members) {
             let c = &self.pile.contacts[at];
             let ends = [Some(c.body), c.other];
             if ends.iter().flatten().any(|&end| self.gone[end]) {

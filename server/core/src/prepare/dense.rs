@@ -1,6 +1,6 @@
 //! Props of very many triangles: simplified once, before anything is computed with them.
 
-use super::shape::OrientedBox;
+use super::shape::oriented_box;
 use crate::geometry::simplify::{self, Simplified};
 use crate::input::params::Physics;
 use crate::input::scene::Scene;
@@ -29,7 +29,7 @@ pub fn run(scene: &mut Scene, physics: &Physics) -> Vec<DenseProp> {
         if triangles <= DENSE {
             continue;
         }
-        let thickness = 2.0 * OrientedBox::around(mesh).half.min_element();
+        let thickness = 2.0 * oriented_box(mesh).half.min_element();
         let light = simplify::dense(mesh, SHARE * physics.shape_gap * thickness);
         if let Some(Simplified { mesh, deviation, .. }) = light {
             found.push(DenseProp { index, triangles, left: mesh.triangles.len(), deviation });

@@ -18,7 +18,7 @@ pub fn rebalance(
     let mut program = GlueProgram::new(pile, &UNBOUNDED, &vec![false; pile.bodies.len()])?;
     let g = pile.gravity.length();
     for ((target, load), body) in program.target.iter_mut().zip(loads).zip(pile.bodies) {
-        let (force, moment) = (load.force / (body.mass * g), load.moment / (body.mass * g * body.radius));
+        let Load { force, moment } = load.in_weights(body, g);
         *target -= Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
     }
     let mut state = program.state_of_contacts(forces);

@@ -14,11 +14,6 @@ pub struct OrientedBox {
 }
 
 impl OrientedBox {
-    /// The tightest of a few boxes around a mesh.
-    pub fn around(mesh: &TriMesh) -> OrientedBox {
-        oriented_box(mesh)
-    }
-
     pub fn volume(&self) -> f64 {
         8.0 * self.half.x * self.half.y * self.half.z
     }

@@ -33,7 +33,7 @@ use std::sync::OnceLock;
 
 pub use convex::hull_mesh;
 pub use corners::corners;
-pub use fit::OrientedBox;
+pub use fit::{OrientedBox, oriented_box};
 pub use hull::{Facet, Hull};
 pub use kind::ShapeKind;
 pub use mass::principal;
