@@ -38,7 +38,7 @@ pub const WORLD: &[&[&str]] = &[
 ];
 
 /// The layers of `cairn-statics`, lowest first.
-const STATICS: &[&[&str]] = &[&["local"], &["global"], &["limit"], &["glue"], &["removal"]];
+const STATICS: &[&[&str]] = &[&["local"], &["program"], &["global"], &["limit"], &["glue"], &["removal"]];
 
 /// The layers of `cairn`, lowest first.
 const SERVICE: &[&[&str]] = &[

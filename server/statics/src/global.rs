@@ -44,6 +44,8 @@ use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT,
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, SolverStatus};
 use glam::DVec3;
 
+use crate::program::{Triplets, clip};
+
 /// A pile whose total imbalance (sum of |e_b|) is at most this is in equilibrium. An interior point on a thousand
 /// bodies reaches 1e-7 with room; a boundary that matters (a hundredth of a block's overhang) lies at 1e-3.
 pub const BALANCED: f64 = 1e-5;
@@ -377,33 +379,4 @@ fn link(pile: &GlobalProblem, g: f64, index: usize, c: &GlobalContact) -> Result
     }
     let (t1, t2) = normal.any_orthonormal_pair();
     Ok(Link { axes: [normal, t1, t2], mu: c.friction, unit, ends })
-}
-
-/// An interior point may end a rounding outside its cone, and a breakdown anywhere: then the contact counts as
-/// unloaded.
-pub(crate) fn clip(f: &[f64], mu: f64) -> [f64; 3] {
-    if !f.iter().all(|x| x.is_finite()) {
-        return [0.0; 3];
-    }
-    let normal = f[0].max(0.0);
-    let tangential = f[1].hypot(f[2]);
-    let keep = if tangential > mu * normal { mu * normal / tangential } else { 1.0 };
-    [normal, keep * f[1], keep * f[2]]
-}
-
-/// A sparse matrix in the making.
-#[derive(Default)]
-pub(crate) struct Triplets {
-    pub rows: Vec<usize>,
-    pub columns: Vec<usize>,
-    pub values: Vec<f64>,
-    pub height: usize,
-}
-
-impl Triplets {
-    pub fn push(&mut self, row: usize, column: usize, value: f64) {
-        self.rows.push(row);
-        self.columns.push(column);
-        self.values.push(value);
-    }
 }

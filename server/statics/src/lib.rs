@@ -114,6 +114,7 @@ pub mod global;
 pub mod glue;
 pub mod limit;
 pub mod local;
+mod program;
 pub mod removal;
 
 /// The examples of the README compile, and run.

@@ -29,7 +29,7 @@
 //! answer.
 
 use crate::global::{BALANCED, BalanceProgram, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
-use crate::global::{Triplets, clip};
+use crate::program::{Triplets, clip};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver};
