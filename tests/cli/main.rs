@@ -10,6 +10,7 @@ mod desk;
 mod effects;
 mod examples;
 mod faults;
+mod goals;
 mod measures;
 mod messages;
 mod models;

@@ -2,6 +2,7 @@
 
 use super::bounds::Bounds;
 use super::cache_args::CacheArgs;
+use super::goal::{self, GoalArgs, Outcome};
 use super::progress::{self, Mode, ProgressArgs, Reporter};
 use super::remote::{self, ConnectionArgs, Delivery, QueueArgs};
 use super::scene_args::SceneArgs;
@@ -21,6 +22,8 @@ Examples:
   cairn bake --control dome.glb --prop stick.glb -o pile.glb
   cairn bake pile.toml -o pile.glb --seed 7 --report report.json
   cairn bake pile.toml -o fallen.glb --set control=off
+  cairn bake pile.toml -o pile.glb --budget 20s
+  cairn bake pile.toml -o pile.glb --overlap 0.1mm
   cairn bake pile.toml -o pile.glb --server farm:50151 --token-file token --label shot=a010
 
 The first frame is the pile right after turning over. The result appears complete or not at all, as soon as the pile is
@@ -43,6 +46,9 @@ pub struct Args {
     /// Also write a report, as JSON: measures of the pile, and how it was made
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+
+    #[command(flatten)]
+    goal: GoalArgs,
 
     #[command(flatten)]
     pub progress: ProgressArgs,
@@ -83,19 +89,31 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::usage("--progress openjd", what, "Name a file for the result."));
     }
     let tree = args.scene.tree()?;
-    let scene = tree.to_message();
     if let Some(server) = &args.server {
-        let files = remote::Files::read(&tree)?;
-        check_outputs(args, files.paths())?;
-        let (output, report) = (Some(&*args.output), args.report.as_deref());
-        let delivery = Delivery { output, format: Some(format), report, progress: &args.progress };
-        return remote::bake(&args.connection.at(server)?, scene, files, format, &args.queue, &delivery);
+        return bake_there(args, &tree, format, server);
     }
-    args.bounds.enforce(|| bake(args, &tree, format))
+    args.bounds.enforce(|| {
+        machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
+        let Some(goal) = args.goal.goal() else { return bake(args, &tree, format).map(drop) };
+        let ladder = Job::read_tree(&tree, args.bounds.limits())?.expectations()?;
+        goal::keep(goal, &ladder, &tree, |tree| bake(args, tree, format))
+    })
 }
 
-fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
-    machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
+/// The same on a server.
+fn bake_there(args: &Args, tree: &SceneTree, format: Format, server: &str) -> Result<(), Failure> {
+    let files = remote::Files::read(tree)?;
+    check_outputs(args, files.paths())?;
+    let target = args.connection.at(server)?;
+    let (output, report) = (Some(&*args.output), args.report.as_deref());
+    let delivery = Delivery { output, format: Some(format), report, progress: &args.progress };
+    let bake = |tree: &SceneTree| remote::bake(&target, tree.to_message(), &files, format, &args.queue, &delivery);
+    let Some(goal) = args.goal.goal() else { return bake(tree).map(drop) };
+    let ladder = remote::expectations(&remote::plan(&target, tree.to_message(), &files)?);
+    goal::keep(goal, &ladder, tree, bake)
+}
+
+fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<Outcome, Failure> {
     let mode = args.progress.shown();
     let job = progress::while_reading(mode, || Job::read_tree(tree, args.bounds.limits()))?;
     let job = job.relative_to(tree.folder()).written_into(files::folder_of(&args.output));
@@ -135,6 +153,7 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
         output::write(path, report.as_bytes())?;
     }
 
+    let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
     if !args.progress.quiet {
         for warning in notes.iter().chain(&bake.report.warnings) {
             print_warning(warning);
@@ -145,11 +164,10 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<(), Failure> {
         } else if counted("fill_steps_recalled") > 0 {
             print_note("the fill comes from the cache (--no-cache fills again)");
         }
-        let measure = |name: &str| bake.report.measures.get(name).copied().flatten();
         let (bodies, frames) = (bake.report.bodies, bake.pile.frames.len());
         summary::print(bodies, frames, measure, counted, seconds, &args.output);
     }
-    Ok(())
+    Ok(Outcome { seconds, overlap: measure(goal::OVERLAP) })
 }
 
 /// Checks that result and report can be written, before the bake.

@@ -13,6 +13,7 @@ mod completions;
 mod cost;
 mod doctor;
 mod failure;
+mod goal;
 mod interrupt;
 mod man;
 mod output;

@@ -116,7 +116,7 @@ fn price_list(estimates: &[Estimate], own: Option<&Estimate>) -> String {
     );
     for e in estimates {
         let time = |seconds: f64| humantime::format_duration(Duration::from_secs(seconds.ceil() as u64)).to_string();
-        let overlap = format!("{} ({:.2} %)", length(e.overlap), 100.0 * e.penetration_mean_rel);
+        let overlap = format!("{} ({:.2} %)", length(e.overlap), 100.0 * e.overlap_rel);
         let loose = format!("{:.0} of 100", 100.0 * e.imbalance);
         let shape = format!("{:.1} %", 100.0 * e.shape_error);
         let name = to_proto::accuracy_name(e.accuracy);

@@ -1,5 +1,6 @@
 //! Commands as clients of a server. Long: arguments, files and events are common to them.
 
+use super::goal::{self, Outcome};
 use super::progress::{ProgressArgs, Reporter};
 use super::{Failure, interrupt, output, print_done, print_warning, summary};
 use crate::client::{Connection, Downloaded, Target};
@@ -11,12 +12,14 @@ use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
 use crate::wire::from_proto;
 use crate::wire::proto::{
-    Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, OutputFormat, Plan, Scene, Summary,
-    UsdLayout, bake_event::Kind,
+    Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, Estimate, OutputFormat, Plan, Scene,
+    Summary, UsdLayout, bake_event::Kind,
 };
-use crate::wire::to_proto::NOTES_FIELD;
+use crate::wire::to_proto::{self, NOTES_FIELD};
 use bytes::Bytes;
 use cairn_core::input::observer::Observer;
+use cairn_core::input::params::Accuracy;
+use cairn_core::prepare::estimate::Expected;
 use prost::Message;
 use serde_json::json;
 use sha2::{Digest, Sha256};
@@ -240,11 +243,11 @@ impl Files {
 pub fn bake(
     target: &Target,
     scene: Scene,
-    files: Files,
+    files: &Files,
     format: Format,
     queue: &QueueArgs,
     delivery: &Delivery,
-) -> Result<(), Failure> {
+) -> Result<Outcome, Failure> {
     let layout = delivery.output.filter(|_| format.is_usd());
     let layout = layout.map(|output| files.layout(&scene, files::folder_of(output)));
     let mut spec = files.spec(scene);
@@ -296,6 +299,18 @@ pub fn plan(target: &Target, scene: Scene, files: &Files) -> Result<Plan, Failur
     })
 }
 
+/// What a plan expects of each accuracy, cheapest first.
+pub fn expectations(plan: &Plan) -> Vec<(String, Expected)> {
+    let of = |estimate: &Estimate| {
+        let accuracy: Option<Accuracy> = estimate.accuracy().into();
+        Some((
+            to_proto::accuracy_name(accuracy?),
+            Expected { most_seconds: estimate.factor * estimate.wall_seconds, overlap: estimate.overlap },
+        ))
+    };
+    plan.estimates.iter().filter_map(of).collect()
+}
+
 /// `cairn watch`. Ctrl-C stops only the watching.
 pub fn watch(bake: &RemoteBake, delivery: &Delivery) -> Result<(), Failure> {
     let target = bake.target()?;
@@ -306,7 +321,7 @@ pub fn watch(bake: &RemoteBake, delivery: &Delivery) -> Result<(), Failure> {
             watched = server.watch(&bake.id, |event| follower.event(event.kind)) => watched,
             () = when(interrupt::is_requested) => return Err(Failure::Cancelled),
         };
-        follower.end(watched, &mut server).await
+        follower.end(watched, &mut server).await.map(drop)
     })
 }
 
@@ -379,7 +394,7 @@ impl<'a> BakeFollower<'a> {
     }
 
     /// Downloads the files and prints the summary.
-    async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<(), Failure> {
+    async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<Outcome, Failure> {
         self.reporter.finish(ended.is_ok());
         let id = ended?;
         let Delivery { output, format, report, progress } = *self.delivery;
@@ -425,7 +440,12 @@ impl<'a> BakeFollower<'a> {
             (None, Some((path, text))) => output::write(path, text.as_bytes())?,
             (None, None) => {}
         }
-        let Some(summary) = self.summary.filter(|_| !progress.quiet) else { return Ok(()) };
+        let seconds = self.began.elapsed().as_secs_f64();
+        let Some(summary) = self.summary else { return Ok(Outcome { seconds, overlap: None }) };
+        let outcome = Outcome { seconds, overlap: summary.measures.get(goal::OVERLAP).copied() };
+        if progress.quiet {
+            return Ok(outcome);
+        }
         for warning in summary.warnings.iter().chain(notes.iter().filter(|note| !summary.warnings.contains(note))) {
             print_warning(warning);
         }
@@ -434,8 +454,8 @@ impl<'a> BakeFollower<'a> {
         let counted = |name: &str| summary.counts.get(name).map_or(0, |&count| u64::try_from(count).unwrap_or(0));
         let (bodies, frames) = (count(summary.body_count), count(summary.frame_count));
         let name = output.unwrap_or(Path::new("the pile"));
-        summary::print(bodies, frames, measure, counted, self.began.elapsed().as_secs_f64(), name);
-        Ok(())
+        summary::print(bodies, frames, measure, counted, seconds, name);
+        Ok(outcome)
     }
 }
 

@@ -16,9 +16,10 @@ use crate::files::{self, FileSource};
 use crate::model::export::{self, ExportScene, Format, Layout, Measures, Rehearsal, SourceModel, UsdAsset};
 use crate::problem::Problem;
 use crate::wire::proto::{self, BakeSpec};
+use crate::wire::to_proto;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
-use cairn_core::prepare::estimate::Estimate;
+use cairn_core::prepare::estimate::{Estimate, Expected};
 use cairn_core::prepare::plan::Plan;
 use machine::Meter;
 pub use run::{FinishedBake, JobError};
@@ -63,6 +64,13 @@ impl Job {
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
         let machine = cairn_core::stages::calibrate::calibrate(machine::cpu_seconds)?;
         cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
+    }
+
+    /// What each accuracy is expected to come to on this machine, by its name.
+    pub fn expectations(&self) -> Result<Vec<(String, Expected)>, cairn_core::Error> {
+        let threads = rayon::current_num_threads();
+        let named = |e: &Estimate| (to_proto::accuracy_name(e.accuracy), e.expected(threads));
+        Ok(self.estimates()?.iter().map(named).collect())
     }
 
     /// The size of the result at most, bytes, as if every body moved in every frame. Not if the fill places more bodies

@@ -35,7 +35,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         accuracy: proto::Accuracy::from(estimate.accuracy).into(),
         cpu_seconds: estimate.cpu_seconds,
         factor: estimate.factor,
-        penetration_mean_rel: estimate.penetration_mean_rel,
+        overlap_rel: estimate.overlap_rel,
         glue_dots: estimate.glue_dots,
         body_count: signed(estimate.bodies),
         wall_seconds: estimate.wall_seconds(rayon::current_num_threads()),

@@ -3,8 +3,10 @@
 //! For each stage a power law: its CPU time is a product of powers of the numbers that decide it ([`Workload`]). The
 //! example `fit_estimate` fits the exponents to measured bakes and prints how far the model is from them.
 
+mod goal;
 mod model;
 
+pub use goal::{Choice, Expected, Goal, TOLERANCE};
 pub use model::CALIBRATION_SECONDS;
 
 use crate::input::params::{Accuracy, ControlMode, FrictionModel, Params, Switch};
@@ -36,8 +38,8 @@ pub struct Estimate {
     pub release_seconds: f64,
     /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
     pub factor: f64,
-    /// Expected `penetration_mean_rel`, as the study of the presets found it.
-    pub penetration_mean_rel: f64,
+    /// Expected `visible_depth_p95_rel`, as the study of the presets found it.
+    pub overlap_rel: f64,
     /// The same in metres: of these props' thickness.
     pub overlap: f64,
     /// Expected share of the bodies that moves once all are released, without control or glue.
@@ -185,7 +187,7 @@ impl Workload {
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape], machine: f64) -> Estimate {
     let traits = params.accuracy.traits();
-    let [penetration_mean_rel, imbalance, shape_error] = traits.expected_errors;
+    let [overlap_rel, imbalance, shape_error] = traits.expected_errors;
     let workload = Workload::of(scene, params, checked, shapes);
     let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
@@ -208,8 +210,8 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
         kept_shape: (scene.is_filled(params) && !held).then_some(kept),
         release_seconds,
         factor: model::FACTOR,
-        penetration_mean_rel,
-        overlap: penetration_mean_rel * thickness,
+        overlap_rel,
+        overlap: overlap_rel * thickness,
         imbalance,
         shape_error,
     }

@@ -88,9 +88,7 @@ const PLACES: usize = 2;
 
 /// Rounds in which bodies that the clean-up removes are replaced.
 const REPLACEMENTS: usize = 5;
-/// Passes of depenetration; the pile settles after each.
-const DEPENETRATIONS: usize = 2;
-/// Settling after each of them, and after the bodies have shrunk to their size, characteristic times.
+/// Settling between the passes of depenetration, and after the bodies have shrunk to their size, characteristic times.
 const CLOSE_GAPS: f64 = 1.0;
 
 /// Fills the container and lets the props settle in it. `others`: bodies of other piles, which the fill leaves alone.
@@ -157,6 +155,10 @@ pub fn run(
         filling.clear_scenery(observer)?;
     }
     filling.world.remove_enclosure(enclosure);
+    // Scenery that is fuller than full leaves no room for that before it is open.
+    let has_scenery = !container.scenery().is_empty();
+    let opened = if has_scenery { filling.depenetrate(observer)? } else { 0 };
+    let depenetration_steps = depenetration_steps + opened;
     filling.world.validate(wanted);
     let bodies: Vec<Instance> = filling.world.loose().map(|id| filling.world.instance(id)).collect();
     if bodies.is_empty() {
@@ -185,15 +187,13 @@ fn part(filling: &mut Filling, observer: &mut dyn Observer) -> Result<u64, Error
     if filling.shrink_overgrown() {
         filling.settle(CLOSE_GAPS, observer)?;
     }
-    let mut all_steps = 0;
-    for _ in 0..DEPENETRATIONS {
-        let steps = filling.depenetrate(observer)?;
-        all_steps += steps;
-        if steps > 0 {
-            filling.settle(CLOSE_GAPS, observer)?;
-        }
+    // What a softer settling lets sink in, the hold would keep.
+    filling.use_stiffer_contacts();
+    let first = filling.depenetrate(observer)?;
+    if first > 0 {
+        filling.settle(CLOSE_GAPS, observer)?;
     }
-    Ok(all_steps)
+    Ok(first + filling.depenetrate(observer)?)
 }
 
 /// Fills the open container. Returns whether it is full.

@@ -35,11 +35,10 @@ pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) 
     let narrow_phase = NarrowPhase::with_query_dispatcher(Manifolds { most: SOLVED });
     let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, narrow_phase, ..PhysicsWorld::new() };
     engine.set_thread_pool(threads());
-    let (step, frequency) = (units.duration(physics.step), physics.stiffness(thickness));
+    let step = units.duration(physics.step);
     let p = &mut engine.integration_parameters;
     p.dt = step as f32;
-    p.num_solver_iterations = physics.substeps_for(frequency, step) as usize;
-    set_softness(p, frequency, physics.contact_damping_ratio);
+    set_contacts(p, physics, thickness, step);
     // The engine multiplies its normalized lengths by its length unit.
     let unit = (LENGTH_UNIT * thickness).min(1.0);
     p.length_unit = unit as f32;
@@ -73,6 +72,14 @@ fn threads() -> Option<Arc<rayon::ThreadPool>> {
     let count = rayon::current_num_threads();
     let several = (count > 1).then(|| rayon::ThreadPoolBuilder::new().num_threads(count));
     several.and_then(|pool| pool.build().ok()).map(Arc::new)
+}
+
+/// How stiff contacts are, and the substeps that they need. `thickness`: the smallest of any body, engine units; `step`:
+/// characteristic times.
+pub fn set_contacts(p: &mut IntegrationParameters, physics: &Physics, thickness: f64, step: f64) {
+    let frequency = physics.stiffness(thickness);
+    p.num_solver_iterations = physics.substeps_for(frequency, step) as usize;
+    set_softness(p, frequency, physics.contact_damping_ratio);
 }
 
 fn set_softness(p: &mut IntegrationParameters, frequency: f64, damping_ratio: f64) {

@@ -170,6 +170,14 @@ impl<'a> Filling<'a> {
         }
     }
 
+    /// From now on, contacts are as stiff as the pile's, if those are stiffer than the fill's.
+    pub fn use_stiffer_contacts(&mut self) {
+        let (params, units) = (self.task.params, self.task.units);
+        if params.physics.contact_frequency > params.fill_physics(units.time).contact_frequency {
+            self.world.use_contacts_of(&params.physics, self.task.least_thickness());
+        }
+    }
+
     /// Simulates for a while, characteristic times.
     pub fn settle(&mut self, time: f64, observer: &mut dyn Observer) -> Result<(), Error> {
         let steps = (time / self.world.step_length()).ceil() as usize;

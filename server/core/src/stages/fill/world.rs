@@ -7,6 +7,7 @@
 use crate::error::Error;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
+use crate::input::params::Physics;
 use crate::invariants;
 use crate::prepare::container::SceneryMesh;
 use crate::prepare::shape::Shape;
@@ -74,6 +75,11 @@ impl FillWorld {
 
     pub fn set_gravity(&mut self, gravity: DVec3) {
         self.world.set_gravity(gravity);
+    }
+
+    /// See [`World::use_contacts_of`].
+    pub fn use_contacts_of(&mut self, physics: &Physics, thickness: f64) {
+        self.world.use_contacts_of(physics, thickness);
     }
 
     /// One step. The engine takes out bodies whose state became non-finite.

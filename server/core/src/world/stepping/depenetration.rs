@@ -1,5 +1,6 @@
 //! Depenetration: removes overlaps by moving bodies apart.
 
+use crate::input::params::Physics;
 use crate::world::{BodyId, PairSide, World, bodies::stop, settings};
 use glam::DVec3;
 
@@ -42,6 +43,13 @@ impl World {
         self.engine.integration_parameters = before;
         self.set_gravity(gravity.as_dvec3());
         ended.map(|()| steps)
+    }
+
+    /// From now on, contacts are as stiff as these.
+    pub fn use_contacts_of(&mut self, physics: &Physics, thickness: f64) {
+        let parameters = &mut self.engine.integration_parameters;
+        let step = f64::from(parameters.dt);
+        settings::set_contacts(parameters, physics, thickness, step);
     }
 
     fn overlaps_by_more_than(&self, residual: f64) -> bool {
