@@ -13,6 +13,8 @@ def shape_of(shape, folder, number):
     kind, what = next(iter(shape["solid"].items()))
     if kind == "box":
         return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=what)
+    if kind == "ball":
+        return bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=what)
     lines, base = [], 1
     for part, points in enumerate(what):
         lines.append(f"o part{part}")
@@ -44,24 +46,31 @@ def main():
     sleeping = (
         bullet.ACTIVATION_STATE_ENABLE_SLEEPING if arguments.sleeping else bullet.ACTIVATION_STATE_DISABLE_SLEEPING
     )
+
+    def add(mass, body):
+        place = {"basePosition": body["position"], "baseOrientation": body["rotation"]}
+        return bullet.createMultiBody(mass, shapes[body["shape"]], useMaximalCoordinates=True, **place)
+
+    for one in scene.scenery:
+        # What has no mass stays where it is; its velocity takes along what lies on it, as a conveyor does.
+        still = add(0, one["place"])
+        bullet.changeDynamics(still, -1, **surface)
+        bullet.resetBaseVelocity(still, one["velocity"], [0, 0, 0])
     ids = []
     for body in scene.bodies:
         shape = scene.shapes[body["shape"]]
-        ids.append(
-            bullet.createMultiBody(
-                shape["mass"],
-                shapes[body["shape"]],
-                basePosition=body["position"],
-                baseOrientation=body["rotation"],
-                useMaximalCoordinates=True,
-            )
-        )
+        ids.append(add(shape["mass"], body))
         # With the inertia alone, pybullet takes the mass for 0.
         own = {"mass": shape["mass"], "localInertiaDiagonal": shape["inertia"], "activationState": sleeping}
         bullet.changeDynamics(ids[-1], -1, **own, **surface)
-    cpu, seconds = piles.simulate(bullet.stepSimulation, scene, arguments.hz, arguments.limit)
-    poses = [bullet.getBasePositionAndOrientation(body) for body in ids]
-    piles.write(scene, arguments, "Bullet, by pybullet 3.2.7", cpu, seconds, *zip(*poses))
+    for launch in scene.launched:
+        bullet.resetBaseVelocity(ids[launch["body"]], launch["velocity"], launch["angular_velocity"])
+
+    def poses():
+        return zip(*(bullet.getBasePositionAndOrientation(body) for body in ids))
+
+    cpu, seconds, motion = piles.simulate(bullet.stepSimulation, scene, arguments.hz, arguments.limit, poses)
+    piles.write(scene, arguments, "Bullet, by pybullet 3.2.7", cpu, seconds, *poses(), motion=motion)
 
 
 main()

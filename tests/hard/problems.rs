@@ -1,0 +1,80 @@
+//! The problems of `tests/studies/problems`: Cairn's errors are those of the committed results, a higher preset is no
+//! worse, and the page says what the results say.
+
+use crate::problem::results::{Kind, Study};
+use crate::problem::{Ask, PROBLEMS, Problem, ours, page};
+use rayon::prelude::*;
+use std::path::{Path, PathBuf};
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/problems")
+}
+
+fn study() -> Study {
+    Study::read(&folder().join("results.json")).expect("the committed results")
+}
+
+/// An error by a preset; of a limit, nothing.
+fn error(problem: &Problem, preset: &str) -> Option<f64> {
+    let Ask::Error { of, .. } = &problem.ask else { return None };
+    let variant = ours::variant(preset).expect("a preset");
+    Some(of(&ours::run(problem, 0, variant).expect("a problem bakes").motion).max(problem.least))
+}
+
+/// Up to this factor: changes beyond it ask for another run of the study.
+const SAME: f64 = 1.5;
+
+#[test]
+fn errors_at_standard_are_those_of_the_page() {
+    let study = study();
+    PROBLEMS.par_iter().for_each(|problem| {
+        let known = study.of(problem).preset("standard").error.expect("standard is never stopped").max(problem.least);
+        match &problem.ask {
+            Ask::Error { .. } => {
+                let now = error(problem, "standard").expect("it has an error");
+                assert!(
+                    now <= SAME * known && known <= SAME * now,
+                    "{}: {now} {}, in the results {known}; tests/studies/problems/run --fresh measures again",
+                    problem.name,
+                    problem.unit
+                );
+            }
+            Ask::Limit { falls, .. } => {
+                let standard = ours::variant("standard").expect("a preset");
+                let does = |case: usize| falls(&ours::run(problem, case, standard).expect("it bakes").motion);
+                assert!(does(0), "{}: what falls by far, falls", problem.name);
+                // As far as the results say.
+                assert_eq!(does(problem.timed()), known > problem.clear(), "{}", problem.name);
+            }
+        }
+    });
+}
+
+/// What `reference` may err more than `draft`, in shares of an error that is seen.
+const NO_WORSE: f64 = 0.1;
+
+#[test]
+fn reference_is_no_worse_than_draft() {
+    PROBLEMS.par_iter().filter(|problem| !problem.is_limit()).for_each(|problem| {
+        let [draft, reference] = ["draft", "reference"].map(|preset| error(problem, preset).expect("it has an error"));
+        let allowed = draft + NO_WORSE * problem.seen;
+        assert!(reference <= allowed, "{}: reference {reference}, draft {draft} {}", problem.name, problem.unit);
+    });
+}
+
+#[test]
+fn the_page_says_what_the_results_say() {
+    let (study, path) = (study(), folder().join("results.md"));
+    let page = page::markdown(&study);
+    let written = std::fs::read_to_string(&path).expect("the page is there");
+    // Lines are wrapped when it is written.
+    let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+    assert!(words(&written) == words(&page), "cargo run --release --example problems -- page {}", folder().display());
+    for problem in PROBLEMS {
+        let measured = study.of(problem);
+        let plot = folder().join("plots").join(format!("{}.svg", problem.name));
+        assert!(plot.exists(), "{} is there", plot.display());
+        let peers = measured.of_kind(Kind::Peer).filter(|row| row.error.is_some()).count();
+        assert!(peers >= 9 && measured.rows.iter().all(|row| row.cpu.len() >= 3), "{}: {peers} peers", problem.name);
+    }
+}

@@ -1,0 +1,204 @@
+//! `results.md`: the tables, and a sentence for each plot.
+
+use super::results::{Kind, Measured, Row, Study};
+use super::{PROBLEMS, Problem, ours};
+use std::fmt::Write;
+
+/// Two digits.
+pub fn short(value: f64) -> String {
+    match value {
+        v if v >= 100.0 => format!("{v:.0}"),
+        v if v >= 10.0 => format!("{v:.0}"),
+        v if v >= 1.0 => format!("{v:.1}"),
+        v if v >= 0.1 => format!("{v:.2}"),
+        v if v >= 0.01 => format!("{v:.3}"),
+        v if v >= 0.001 => format!("{v:.4}"),
+        v => format!("{v:.0e}"),
+    }
+}
+
+fn error(row: &Row, problem: &Problem) -> String {
+    match row.error {
+        None => "stopped: too long".into(),
+        Some(error) if error <= problem.least => format!("<= {}", problem.least),
+        Some(error) => short(error),
+    }
+}
+
+/// An error with its unit.
+fn with_unit(row: &Row, problem: &Problem) -> String {
+    format!("{} {}", error(row, problem), problem.unit)
+}
+
+fn list(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+/// No peer is both cheaper and more accurate.
+pub fn is_on_front(problem: &Problem, measured: &Measured, row: &Row) -> bool {
+    measured.beaten_by(row, problem).next().is_none()
+}
+
+/// The problems on which this preset is on the front, or below it.
+pub fn on_front(study: &Study, preset: &str) -> Vec<&'static Problem> {
+    let is_there = |problem: &&'static Problem| {
+        let measured = study.of(problem);
+        is_on_front(problem, measured, measured.preset(preset))
+    };
+    PROBLEMS.iter().filter(is_there).collect()
+}
+
+fn is_unseen(row: &&Row, problem: &Problem) -> bool {
+    row.error.is_some_and(|error| error < problem.seen)
+}
+
+/// What to choose.
+pub fn advice(problem: &Problem, measured: &Measured) -> String {
+    let cheapest = |kind: Kind| {
+        let good = measured.of_kind(kind).filter(|row| is_unseen(row, problem));
+        good.min_by(|a, b| a.cost().total_cmp(&b.cost()))
+    };
+    let (seen, unit) = (problem.seen, problem.unit);
+    let mut text = match cheapest(Kind::Preset) {
+        Some(row) => format!(
+            "Choose `{}`: the cheapest preset whose error nobody sees (below {seen} {unit}): {} for {} ms",
+            row.settings,
+            with_unit(row, problem),
+            short(row.cost())
+        ),
+        None => {
+            let value = |row: &&Row| row.error.unwrap_or(f64::INFINITY);
+            let best = measured.of_kind(Kind::Preset).min_by(|a, b| value(a).total_cmp(&value(b))).expect("presets");
+            format!(
+                "No preset has an error below {seen} {unit}, from which on it is seen; the best is `{}` with {} for {} \
+                 ms",
+                best.settings,
+                with_unit(best, problem),
+                short(best.cost())
+            )
+        }
+    };
+    let other = cheapest(Kind::Peer);
+    let _ = match other {
+        Some(row) => {
+            write!(text, "; of the peers, {} is the cheapest below it, with {} ms", row.name(), short(row.cost()))
+        }
+        None => write!(text, "; no peer is below it"),
+    };
+    text.push('.');
+    text
+}
+
+/// What beats `standard`.
+fn verdict(problem: &Problem, measured: &Measured) -> String {
+    let standard = measured.preset("standard");
+    let mut better: Vec<&Row> = measured.beaten_by(standard, problem).collect();
+    better.sort_by(|a, b| a.cost().total_cmp(&b.cost()));
+    let names: Vec<String> = better
+        .iter()
+        .map(|row| format!("{}: {} for {} ms", row.name(), with_unit(row, problem), short(row.cost())))
+        .collect();
+    match names.is_empty() {
+        true => "`standard` is on the front: no peer is both cheaper and more accurate.".into(),
+        false => format!("`standard` is **not** on the front. Cheaper and more accurate: {}.", list(&names)),
+    }
+}
+
+/// The price of one more digit.
+fn span(problem: &Problem, measured: &Measured) -> String {
+    let [draft, reference] = ["draft", "reference"].map(|name| measured.preset(name));
+    format!(
+        "From `draft` to `reference`: {} to {}, for {} times the time.",
+        with_unit(draft, problem),
+        with_unit(reference, problem),
+        short(reference.cost() / draft.cost())
+    )
+}
+
+pub fn markdown(study: &Study) -> String {
+    let mut text = String::new();
+    let (low, high) = (study.load[0], study.load[1]);
+    let rounds = study.problems.iter().flat_map(|m| &m.rows).map(|row| row.cpu.len()).max().unwrap_or(0);
+    let _ = write!(
+        text,
+        "# Errors against a truth, and what they cost\n\nSmall problems with known answers, in Cairn and in other \
+         engines. [How they are measured](README.md).\n\nMade by `tests/studies/problems/run` on {}, {} cores, one \
+         thread each, load {low} in the beginning and {high} in the end. Times are CPU milliseconds for each simulated \
+         second, medians of {rounds} rounds.\n\n",
+        study.machine, study.cores
+    );
+    let count = |preset: &str| on_front(study, preset).len();
+    let names = |is_on: bool| -> Vec<String> {
+        let on = on_front(study, "standard");
+        let asked = PROBLEMS.iter().filter(|p| on.iter().any(|o| o.name == p.name) == is_on);
+        asked.map(|p| format!("`{}`", p.name)).collect()
+    };
+    let _ = writeln!(text, "## Where `standard` is on the front\n");
+    let _ = writeln!(
+        text,
+        "On {} of {} problems, no peer is both cheaper and more accurate than `standard`: {}.",
+        count("standard"),
+        PROBLEMS.len(),
+        list(&names(true))
+    );
+    let off = names(false);
+    if !off.is_empty() {
+        let _ = writeln!(text, "On {} it is not: {}.", off.len(), list(&off));
+    }
+    let others: Vec<String> = ours::PRESETS
+        .iter()
+        .filter(|preset| **preset != "standard")
+        .map(|preset| format!("`{preset}` on {}", count(preset)))
+        .collect();
+    let _ = writeln!(text, "The other presets: {}.\n", list(&others));
+    let _ = writeln!(text, "| problem | error | draft | preview | standard | fine | reference | on the front |");
+    let _ = writeln!(text, "|{}", " --- |".repeat(8));
+    for problem in PROBLEMS {
+        let measured = study.of(problem);
+        let cells: Vec<String> = ours::PRESETS
+            .iter()
+            .map(|preset| {
+                let row = measured.preset(preset);
+                format!("{} / {} ms", error(row, problem), short(row.cost()))
+            })
+            .collect();
+        let on = if is_on_front(problem, measured, measured.preset("standard")) { "yes" } else { "no" };
+        let _ = writeln!(
+            text,
+            "| [{}](#{}) | {} | {} | {on} |",
+            problem.name,
+            problem.name,
+            problem.unit,
+            cells.join(" | ")
+        );
+    }
+    for problem in PROBLEMS {
+        section(problem, study.of(problem), &mut text);
+    }
+    text
+}
+
+fn section(problem: &Problem, measured: &Measured, text: &mut String) {
+    let _ = write!(
+        text,
+        "\n## {}\n\n**{}.** {}\n\n{}\n\n{} {}\n\n![Error over CPU time: {}](plots/{}.svg)\n\n",
+        problem.name,
+        problem.title,
+        problem.truth,
+        advice(problem, measured),
+        verdict(problem, measured),
+        span(problem, measured),
+        problem.title.to_lowercase(),
+        problem.name
+    );
+    let _ = writeln!(text, "| engine | settings | CPU ms | error, {} |", problem.unit);
+    let _ = writeln!(text, "| --- | --- | --- | --- |");
+    for row in &measured.rows {
+        let engine = if row.kind == Kind::Preset { format!("**{}**", row.engine) } else { row.engine.clone() };
+        let _ = writeln!(text, "| {engine} | {} | {} | {} |", row.settings, short(row.cost()), error(row, problem));
+    }
+}

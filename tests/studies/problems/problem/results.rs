@@ -1,0 +1,93 @@
+//! What was measured, and what is on the front.
+
+use super::Problem;
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// `results.json`.
+#[derive(Serialize, Deserialize)]
+pub struct Study {
+    pub machine: String,
+    pub cores: u32,
+    /// Mean number of processes that ran or waited when the study began and ended.
+    pub load: [f64; 2],
+    pub problems: Vec<Measured>,
+}
+
+#[derive(Serialize, Deserialize)]
+pub struct Measured {
+    pub problem: String,
+    pub rows: Vec<Row>,
+}
+
+/// An engine with one setting.
+#[derive(Serialize, Deserialize)]
+pub struct Row {
+    pub engine: String,
+    pub settings: String,
+    pub kind: Kind,
+    /// CPU milliseconds for each simulated second, round by round.
+    pub cpu: Vec<f64>,
+    /// `None`: it was stopped, since it took too long.
+    pub error: Option<f64>,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Kind {
+    Preset,
+    /// A preset with the control on.
+    Control,
+    /// A preset with one parameter changed.
+    Parameter,
+    Peer,
+}
+
+impl Row {
+    /// Median of the rounds.
+    pub fn cost(&self) -> f64 {
+        let mut rounds = self.cpu.clone();
+        rounds.sort_by(f64::total_cmp);
+        rounds[rounds.len() / 2]
+    }
+
+    pub fn name(&self) -> String {
+        format!("{} ({})", self.engine, self.settings)
+    }
+}
+
+impl Measured {
+    /// The error, at least what rounding makes of it.
+    pub fn error(row: &Row, problem: &Problem) -> Option<f64> {
+        row.error.map(|error| error.max(problem.least))
+    }
+
+    pub fn preset(&self, name: &str) -> &Row {
+        let is_asked = |row: &&Row| row.kind == Kind::Preset && row.settings == name;
+        self.rows.iter().find(is_asked).expect("every preset is measured")
+    }
+
+    pub fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(move |row| row.kind == kind)
+    }
+
+    /// The peers that are both cheaper and more accurate than this row.
+    pub fn beaten_by<'a>(&'a self, row: &'a Row, problem: &'a Problem) -> impl Iterator<Item = &'a Row> {
+        let error = Self::error(row, problem).unwrap_or(f64::INFINITY);
+        self.of_kind(Kind::Peer).filter(move |peer| {
+            peer.cost() < row.cost() && Self::error(peer, problem).is_some_and(|other| other < error)
+        })
+    }
+}
+
+impl Study {
+    pub fn read(path: &Path) -> anyhow::Result<Study> {
+        let text = std::fs::read(path).with_context(|| path.display().to_string())?;
+        serde_json::from_slice(&text).with_context(|| path.display().to_string())
+    }
+
+    pub fn of(&self, problem: &Problem) -> &Measured {
+        self.problems.iter().find(|m| m.problem == problem.name).expect("every problem is measured")
+    }
+}
