@@ -3,13 +3,13 @@
 use super::engines::{Engine, FPS, Motion, baked, params, run};
 use super::scenes::{asset, at, ball, block, cloud, cone, cylinder, filled, placed, prop};
 use super::{Extent, Outcome, all};
+use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Params, ReleaseOrder};
 use cairn_core::input::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
 
 pub fn balls(engine: Engine, extent: Extent) -> Outcome {
-    const RADIUS: f64 = 0.05;
     let (count, across) = if extent == Extent::Full { (1000, 8) } else { (200, 5) };
     let seconds = 25.0;
     let scene = placed(prop("ball", ball(RADIUS), 0.7), cloud(count, across, 2.2 * RADIUS, 5));
@@ -27,10 +27,12 @@ pub fn balls(engine: Engine, extent: Extent) -> Outcome {
 /// Of the ball that rolls, m/s.
 const SPEED: f64 = 1.0;
 
+/// Radius of balls, m.
+pub const RADIUS: f64 = 0.05;
+
 /// A ball on level ground, thrown along it at a speed, m/s; so many times as fast around itself as if it rolled.
-pub fn thrown_ball(speed: f64, turns: f64, friction: f64) -> Scene {
-    const RADIUS: f64 = 0.05;
-    let mut scene = placed(prop("ball", ball(RADIUS), friction), [at(0.0, RADIUS, 0.0)]);
+pub fn thrown_ball(mesh: TriMesh, speed: f64, turns: f64, friction: f64) -> Scene {
+    let mut scene = placed(prop("ball", mesh, friction), [at(0.0, RADIUS, 0.0)]);
     scene.bodies[0].velocity = DVec3::X * speed;
     scene.bodies[0].angular_velocity = DVec3::NEG_Z * speed / RADIUS * turns;
     scene
@@ -40,7 +42,7 @@ pub fn thrown_ball(speed: f64, turns: f64, friction: f64) -> Scene {
 pub fn rolling(engine: Engine, _: Extent) -> Outcome {
     // Before the late damping of everything that still moves sets in.
     const SECONDS: f64 = 1.2;
-    let scene = thrown_ball(SPEED, 1.0, 0.7);
+    let scene = thrown_ball(ball(RADIUS), SPEED, 1.0, 0.7);
     let exact = params(engine, 0.0).physics.rolling_resistance * 9.81 / 1.4;
     let motion = run(engine, &scene, SECONDS);
     let end = motion.frames.len() - 1;

@@ -4,13 +4,14 @@ use crate::format::{PeerBody, PeerLaunch, PeerRun, PeerScene, PeerScenery, PeerS
 use crate::problem::{FPS, GRAVITY, Problem, ours};
 use crate::shapes::{peer_body, peer_shape, pose};
 use anyhow::ensure;
+use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
 use cairn_core::input::scene::{Prop, Scene, StaticModel};
-use cairn_core::prepare::shape::{Shape, Size};
+use cairn_core::prepare::shape::{Shape, Size, Solid, hull_mesh};
 use glam::DVec3;
 
-/// Other engines get the shapes of `standard`, without the skin that Cairn's own engine gives them.
+/// Other engines get what the problem says: boxes, balls and hulls, exactly.
 pub fn scene(problem: &Problem, case: usize) -> anyhow::Result<PeerScene> {
     let scene = problem.scene(case);
     let params = Params { ground_friction: scene.props[0].friction, ..Params::new(Accuracy::Standard) };
@@ -18,7 +19,8 @@ pub fn scene(problem: &Problem, case: usize) -> anyhow::Result<PeerScene> {
     let (mut shapes, mut bodies, mut launched) = (Vec::new(), Vec::new(), Vec::new());
     for (id, given) in scene.bodies.iter().enumerate() {
         let solid = &solids[given.prop];
-        let mut shape = peer_shape(solid, &solid.bare, given.prop, given.scale)?;
+        let bare = bare(solid, &scene.props[given.prop].model.mesh);
+        let mut shape = peer_shape(solid, &bare, given.prop, given.scale)?;
         let heavier = given.mass.map_or(1.0, |mass| mass / shape.mass);
         shape.mass *= heavier;
         shape.inertia = shape.inertia.map(|moment| moment * heavier);
@@ -53,6 +55,24 @@ pub fn scene(problem: &Problem, case: usize) -> anyhow::Result<PeerScene> {
     })
 }
 
+/// Volumes that differ by less are of one shape.
+const SAME: f64 = 1e-6;
+
+/// The exact shape: a box or a ball, where it is one, or the hull of a convex mesh. Else the convex parts of `standard`,
+/// without the skin that Cairn's own engine gives to them.
+fn bare(shape: &Shape, mesh: &TriMesh) -> Solid {
+    let volume = mesh.signed_volume().abs();
+    let is_same = |other: f64| (other / volume - 1.0).abs() < SAME;
+    match &shape.bare {
+        Solid::Ball { .. } => shape.bare.clone(),
+        Solid::Box(b) if is_same(b.volume()) => shape.bare.clone(),
+        _ if is_same(hull_mesh(&mesh.points).signed_volume().abs()) => {
+            Solid::Convex(vec![mesh.points.iter().map(|&p| p - shape.center).collect()])
+        }
+        _ => shape.bare.clone(),
+    }
+}
+
 /// One for all pairs: engines differ in how they make one of two.
 fn friction(scene: &Scene) -> anyhow::Result<f64> {
     let first = scene.props[0].friction;
@@ -67,7 +87,7 @@ fn scenery(scene: &Scene, params: &Params, shapes: &mut Vec<PeerShape>) -> anyho
         let prop = Prop::new(model.model.clone());
         let size = Size::of(&prop.model.mesh);
         let shape = Shape::new(&prop, size, &params.physics).map_err(anyhow::Error::msg)?;
-        shapes.push(peer_shape(&shape, &shape.bare, scene.props.len() + id, 1.0)?);
+        shapes.push(peer_shape(&shape, &bare(&shape, &prop.model.mesh), scene.props.len() + id, 1.0)?);
         let place = peer_body(shapes, shapes.len() - 1, &shape.body_pose(&model.pose_at(0.0), 1.0));
         all.push(PeerScenery { place, velocity: velocity(model).to_array() });
     }

@@ -118,8 +118,13 @@ fn write(folder: &Path) -> anyhow::Result<()> {
         for case in 0..cases {
             save(&folder.join(format!("{}-{case}.json", problem.name)), &export::scene(problem, case)?)?;
         }
-        let (name, timed, limit) = (problem.name, problem.timed(), problem.is_limit());
-        index.push(serde_json::json!({ "name": name, "cases": cases, "timed": timed, "limit": limit }));
+        index.push(serde_json::json!({
+            "name": problem.name,
+            "cases": cases,
+            "timed": problem.timed(),
+            "limit": problem.is_limit(),
+            "stands": problem.stands,
+        }));
     }
     let kind = |name: &str| match ours::PRESETS.contains(&name) {
         true => "preset",

@@ -74,7 +74,9 @@ class Theirs:
 
 
 def can(entry, problem):
-    """Blender takes no velocities, and takes seconds to start."""
+    """Blender takes no velocities, and takes seconds to start. The control is about what stands."""
+    if entry.kind == "control":
+        return problem["stands"]
     if entry.name != "Blender":
         return True
     scene = json.loads((FOLDER / f"{problem['name']}-{problem['timed']}.json").read_text())

@@ -2,7 +2,8 @@
 
 use super::GRAVITY;
 use crate::rows::edges::{moved, scenery};
-use crate::rows::scenes::{at, ball, block, placed, prop};
+use crate::rows::piles::RADIUS;
+use crate::rows::scenes::{at, block, globe, placed, prop};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, Params};
@@ -157,9 +158,13 @@ pub fn top() -> Scene {
     scene
 }
 
+/// A ball whose mesh is that of a ball for every preset: its moments are within a thousandth of a ball's.
+pub fn round() -> TriMesh {
+    globe(RADIUS, 128)
+}
+
 /// Balls stacked as cannon balls, four by four below, in a frame.
 pub fn pyramid() -> Scene {
-    const RADIUS: f64 = 0.05;
     const ACROSS: usize = 4;
     let layer = |level: usize| {
         let side = ACROSS - level;
@@ -167,7 +172,7 @@ pub fn pyramid() -> Scene {
         let height = RADIUS * (1.0 + SQRT_2 * level as f64);
         (0..side * side).map(move |k| at(place(k % side), height, place(k / side)))
     };
-    let mut scene = placed(prop("ball", ball(RADIUS), 0.7), (0..ACROSS).flat_map(layer));
+    let mut scene = placed(prop("ball", round(), 0.7), (0..ACROSS).flat_map(layer));
     let (half, thick) = (RADIUS * ACROSS as f64, 0.1);
     for side in [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z] {
         let across = DVec3::Y.cross(side).abs();
