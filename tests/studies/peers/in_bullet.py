@@ -7,6 +7,9 @@ import pybullet as bullet
 
 import scene as piles
 
+HEAVY = 1e6
+"""Mass of scenery that moves, kg."""
+
 
 def shape_of(shape, folder, number):
     """A box, or a compound of hulls: an OBJ file with an object for each is how pybullet takes one."""
@@ -51,11 +54,17 @@ def main():
         place = {"basePosition": body["position"], "baseOrientation": body["rotation"]}
         return bullet.createMultiBody(mass, shapes[body["shape"]], useMaximalCoordinates=True, **place)
 
+    lifted = []
     for one in scene.scenery:
-        # What has no mass stays where it is; its velocity takes along what lies on it, as a conveyor does.
-        still = add(0, one["place"])
-        bullet.changeDynamics(still, -1, **surface)
-        bullet.resetBaseVelocity(still, one["velocity"], [0, 0, 0])
+        moves = any(one["velocity"])
+        # What moves is so heavy that nothing slows it, not even the ground, and is carried at each step.
+        made = add(HEAVY if moves else 0, one["place"])
+        bullet.changeDynamics(made, -1, **surface)
+        if moves:
+            lifted.append(made)
+            bullet.changeDynamics(made, -1, activationState=bullet.ACTIVATION_STATE_DISABLE_SLEEPING)
+            bullet.setCollisionFilterPair(ground, made, -1, -1, 0)
+            bullet.resetBaseVelocity(made, one["velocity"], [0, 0, 0])
     ids = []
     for body in scene.bodies:
         shape = scene.shapes[body["shape"]]
@@ -69,7 +78,13 @@ def main():
     def poses():
         return zip(*(bullet.getBasePositionAndOrientation(body) for body in ids))
 
-    cpu, seconds, motion = piles.simulate(bullet.stepSimulation, scene, arguments.hz, arguments.limit, poses)
+    def step():
+        for made in lifted:
+            at, _ = bullet.getBasePositionAndOrientation(made)
+            bullet.applyExternalForce(made, -1, [0, HEAVY * scene.gravity, 0], at, bullet.WORLD_FRAME)
+        bullet.stepSimulation()
+
+    cpu, seconds, motion = piles.simulate(step, scene, arguments.hz, arguments.limit, poses)
     piles.write(scene, arguments, "Bullet, by pybullet 3.2.7", cpu, seconds, *poses(), motion=motion)
 
 

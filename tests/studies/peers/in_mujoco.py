@@ -32,14 +32,16 @@ def model_of(scene, arguments):
             flat = numbers(np.ravel(points))
             meshes.append(f'<mesh name="m{number}_{part}" vertex="{flat}"/>')
         geoms.append("".join(f'<geom type="mesh" mesh="m{number}_{part}"/>' for part in range(len(what))))
-    bodies = []
-    for one in scene.scenery:
+    bodies, apart = [], []
+    for number, one in enumerate(scene.scenery):
         place, velocity = one["place"], one["velocity"]
         at = f'pos="{numbers(place["position"])}" quat="{numbers(wxyz(place["rotation"]))}"'
         # What moves slides along its way, so heavy that nothing slows it. Its velocity is set later.
         slide = f'<joint type="slide" axis="{numbers(velocity)}"/>' if any(velocity) else ""
         heavy = f'<inertial pos="0 0 0" mass="{HEAVY}" diaginertia="{HEAVY} {HEAVY} {HEAVY}"/>' if slide else ""
-        bodies.append(f"<body {at}>{slide}{heavy}{geoms[place['shape']]}</body>")
+        bodies.append(f'<body name="scenery{number}" {at}>{slide}{heavy}{geoms[place["shape"]]}</body>')
+        # The ground must not slow it.
+        apart += [f'<exclude body1="world" body2="scenery{number}"/>'] if slide else []
     for body in scene.bodies:
         shape = scene.shapes[body["shape"]]
         bodies.append(
@@ -54,7 +56,7 @@ def model_of(scene, arguments):
         f"<asset>{''.join(meshes)}</asset><worldbody>"
         # A plane's normal is its Z axis.
         f'<geom type="plane" size="100 100 1" pos="0 {scene.ground} 0" zaxis="0 1 0"/>'
-        f"{''.join(bodies)}</worldbody></mujoco>"
+        f"{''.join(bodies)}</worldbody><contact>{''.join(apart)}</contact></mujoco>"
     )
 
 
