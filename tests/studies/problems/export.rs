@@ -58,8 +58,8 @@ pub fn scene(problem: &Problem, case: usize) -> anyhow::Result<PeerScene> {
 /// Volumes that differ by less are of one shape.
 const SAME: f64 = 1e-6;
 
-/// The exact shape: a box or a ball, where it is one, or the hull of a convex mesh. Else the convex parts of `standard`,
-/// without the skin that Cairn's own engine gives to them.
+/// The exact shape: a box or a ball, where it is one, or the hull of a convex mesh. Else the convex parts of
+/// `standard`, without the skin that Cairn's own engine gives to them.
 fn bare(shape: &Shape, mesh: &TriMesh) -> Solid {
     let volume = mesh.signed_volume().abs();
     let is_same = |other: f64| (other / volume - 1.0).abs() < SAME;
@@ -103,8 +103,7 @@ fn velocity(model: &StaticModel) -> DVec3 {
 }
 
 /// A motion of Cairn as other engines give it.
-pub fn run(problem: &Problem, case: usize, run: &ours::Run) -> anyhow::Result<PeerRun> {
-    let scene = scene(problem, case)?;
+pub fn run(problem: &Problem, scene: &PeerScene, run: &ours::Run) -> PeerRun {
     let placed = |poses: &Vec<Pose>| -> Vec<PeerBody> {
         scene.bodies.iter().zip(poses).map(|(b, pose)| peer_body(&scene.shapes, b.shape, pose)).collect()
     };
@@ -115,7 +114,7 @@ pub fn run(problem: &Problem, case: usize, run: &ours::Run) -> anyhow::Result<Pe
         };
         placed(poses).into_iter().map(seven).collect()
     };
-    Ok(PeerRun {
+    PeerRun {
         engine: "Cairn".into(),
         settings: String::new(),
         cpu: run.cpu,
@@ -124,12 +123,11 @@ pub fn run(problem: &Problem, case: usize, run: &ours::Run) -> anyhow::Result<Pe
         seconds: problem.seconds,
         bodies: run.motion.last().map(placed).unwrap_or_default(),
         motion: run.motion.iter().map(frame).collect(),
-    })
+    }
 }
 
 /// Poses in the props' own axes.
-pub fn motion(problem: &Problem, case: usize, run: &PeerRun) -> anyhow::Result<Vec<Vec<Pose>>> {
-    let scene = scene(problem, case)?;
+pub fn motion(scene: &PeerScene, run: &PeerRun) -> anyhow::Result<Vec<Vec<Pose>>> {
     ensure!(run.motion.iter().all(|poses| poses.len() == scene.bodies.len()), "another number of bodies");
     let body = |(b, &[x, y, z, i, j, k, w]): (&PeerBody, &[f64; 7])| {
         let placed = PeerBody { shape: b.shape, position: [x, y, z], rotation: [i, j, k, w] };

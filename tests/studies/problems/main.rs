@@ -1,9 +1,9 @@
-//! Small problems with known answers, for Cairn and for other engines: writes them, runs them in Cairn, judges runs, and
-//! makes the page. `tests/studies/problems/run` does all of that.
+//! Small problems with known answers, for Cairn and for other engines: writes them, runs them in Cairn, judges runs,
+//! and makes the page. `tests/studies/problems/run` does all of that.
 //!
 //!     cargo run --release --example problems -- write target/problems
-//!     cargo run --release --example problems -- bake sag 0 standard -o run.json
-//!     cargo run --release --example problems -- judge sag run.json
+//!     cargo run --release --example problems -- bake target/problems sag 0 standard -o run.json
+//!     cargo run --release --example problems -- judge target/problems sag 0 run.json
 
 mod export;
 #[path = "../peers/format.rs"]
@@ -17,7 +17,7 @@ mod shapes;
 
 use anyhow::{Context, ensure};
 use clap::{Parser, Subcommand};
-use format::PeerRun;
+use format::{PeerRun, PeerScene};
 use problem::results::Study;
 use problem::{Ask, PROBLEMS, Problem, ours, page};
 use std::path::{Path, PathBuf};
@@ -35,6 +35,7 @@ enum Task {
     Write { folder: PathBuf },
     /// Run a case in Cairn
     Bake {
+        folder: PathBuf,
         problem: String,
         case: usize,
         variant: String,
@@ -42,7 +43,7 @@ enum Task {
         out: PathBuf,
     },
     /// Print the error of a run, or whether it falls, as JSON; null where the engine was stopped
-    Judge { problem: String, case: usize, run: PathBuf },
+    Judge { folder: PathBuf, problem: String, case: usize, run: PathBuf },
     /// Print the error of a limit, given the first case that stands
     Limit { problem: String, found: Option<usize> },
     /// Write results.md and the plots from results.json in a folder; as PNG, too, into another one
@@ -56,15 +57,16 @@ enum Task {
 fn main() -> anyhow::Result<()> {
     match Args::parse().task {
         Task::Write { folder } => write(&folder),
-        Task::Bake { problem, case, variant, out } => {
+        Task::Bake { folder, problem, case, variant, out } => {
             let problem = named(&problem)?;
             let variant = ours::variant(&variant).with_context(|| format!("no variant {variant}"))?;
-            save(&out, &export::run(problem, case, &ours::run(problem, case, variant)?)?)
+            let scene = read(&place(&folder, problem, case))?;
+            save(&out, &export::run(problem, &scene, &ours::run(problem, case, variant)?))
         }
-        Task::Judge { problem, case, run } => {
+        Task::Judge { folder, problem, case, run } => {
             let problem = named(&problem)?;
-            let run: PeerRun = serde_json::from_slice(&std::fs::read(&run)?)?;
-            println!("{}", serde_json::to_string(&judged(problem, case, &run)?)?);
+            let scene = read(&place(&folder, problem, case))?;
+            println!("{}", serde_json::to_string(&judged(problem, &scene, &read(&run)?)?)?);
             Ok(())
         }
         Task::Limit { problem, found } => {
@@ -95,11 +97,11 @@ enum Judgement {
     Stopped(()),
 }
 
-fn judged(problem: &Problem, case: usize, run: &PeerRun) -> anyhow::Result<Judgement> {
+fn judged(problem: &Problem, scene: &PeerScene, run: &PeerRun) -> anyhow::Result<Judgement> {
     if run.motion.len() <= problem.frames() as usize {
         return Ok(Judgement::Stopped(()));
     }
-    let motion = export::motion(problem, case, run)?;
+    let motion = export::motion(scene, run)?;
     Ok(match &problem.ask {
         Ask::Error { of, .. } => {
             let error = of(&motion);
@@ -116,7 +118,7 @@ fn write(folder: &Path) -> anyhow::Result<()> {
     for problem in PROBLEMS {
         let cases = problem.shares().len();
         for case in 0..cases {
-            save(&folder.join(format!("{}-{case}.json", problem.name)), &export::scene(problem, case)?)?;
+            save(&place(folder, problem, case), &export::scene(problem, case)?)?;
         }
         index.push(serde_json::json!({
             "name": problem.name,
@@ -134,6 +136,16 @@ fn write(folder: &Path) -> anyhow::Result<()> {
     let variants: Vec<_> =
         ours::VARIANTS.iter().map(|v| serde_json::json!({ "name": v.name, "kind": kind(v.name) })).collect();
     save(&folder.join("index.json"), &serde_json::json!({ "problems": index, "variants": variants }))
+}
+
+/// Where a case is.
+fn place(folder: &Path, problem: &Problem, case: usize) -> PathBuf {
+    folder.join(format!("{}-{case}.json", problem.name))
+}
+
+fn read<T: serde::de::DeserializeOwned>(path: &Path) -> anyhow::Result<T> {
+    let text = std::fs::read(path).with_context(|| path.display().to_string())?;
+    serde_json::from_slice(&text).with_context(|| path.display().to_string())
 }
 
 fn save(path: &Path, value: &impl serde::Serialize) -> anyhow::Result<()> {

@@ -101,11 +101,7 @@ fn legend<B: DrawingBackend>(measured: &Measured, area: &DrawingArea<B, Shift>) 
 where
     B::ErrorType: 'static,
 {
-    let own = [
-        (PRESET, "Cairn's presets"),
-        (CONTROL, "standard, controlled"),
-        (PARAMETER, "standard, one changed"),
-    ];
+    let own = [(PRESET, "Cairn's presets"), (CONTROL, "standard, controlled"), (PARAMETER, "standard, one changed")];
     let is_there = |name: &str| measured.rows.iter().any(|row| row.engine == name);
     let peers = PEERS.into_iter().filter(|(name, _)| is_there(name)).map(|(name, color)| (color, name));
     for (line, (color, name)) in own.into_iter().chain(peers).enumerate() {

@@ -56,7 +56,7 @@ class Ours:
         self.settings, self.kind = variant["name"], variant["kind"]
 
     def command(self, problem, case, out):
-        return [str(PROBLEMS), "bake", problem["name"], str(case), self.settings, "-o", str(out)]
+        return [str(PROBLEMS), "bake", str(FOLDER), problem["name"], str(case), self.settings, "-o", str(out)]
 
 
 class Theirs:
@@ -98,7 +98,7 @@ def figures(entry, problem, case, path):
         try:
             run(entry.command(problem, case, out))
             done = json.loads(out.read_text())
-            judged = json.loads(run([str(PROBLEMS), "judge", problem["name"], str(case), str(out)]))
+            judged = json.loads(run([str(PROBLEMS), "judge", str(FOLDER), problem["name"], str(case), str(out)]))
             cpu = 1e3 * done["cpu"] / done["seconds"]
         except RuntimeError as fault:
             print(fault, file=sys.stderr)

@@ -4,9 +4,7 @@ use super::cpu::{Cpu, simulation};
 use super::{FPS, Problem};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{
-    Accuracy, ControlMode, FrictionModel, GlueMode, Params, ReleaseOrder, Switch, Time,
-};
+use cairn_core::input::params::{Accuracy, ControlMode, FrictionModel, GlueMode, Params, ReleaseOrder, Switch, Time};
 use cairn_core::input::scene::Scene;
 use cairn_core::prepare::shape::Shape;
 use cairn_core::prepare::{check, shape};
@@ -87,11 +85,11 @@ pub struct Run {
 pub fn run(problem: &Problem, case: usize, variant: &Variant) -> anyhow::Result<Run> {
     let scene = problem.scene(case);
     let params = params(problem, &scene, variant);
-    let shapes = shapes(&scene, &params)?;
+    // Centres of mass are the same by any accuracy.
+    let shapes = shapes(&scene, &Params { physics: Params::new(Accuracy::Draft).physics, ..params.clone() })?;
     let bake = cairn_core::bake(&scene, &params, &mut Cpu)?;
-    let centre = |(given, pose): (&cairn_core::input::scene::PlacedBody, &Pose)| {
-        shapes[given.prop].body_pose(pose, given.scale)
-    };
+    let centre =
+        |(given, pose): (&cairn_core::input::scene::PlacedBody, &Pose)| shapes[given.prop].body_pose(pose, given.scale);
     let motion = bake.pile.frames.iter().map(|poses| scene.bodies.iter().zip(poses).map(centre).collect()).collect();
     Ok(Run { motion, cpu: simulation(&bake.report) })
 }

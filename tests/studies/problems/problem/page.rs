@@ -43,13 +43,24 @@ pub fn is_on_front(problem: &Problem, measured: &Measured, row: &Row) -> bool {
     measured.beaten_by(row, problem).next().is_none()
 }
 
-/// The problems on which this preset is on the front, or below it.
-pub fn on_front(study: &Study, preset: &str) -> Vec<&'static Problem> {
-    let is_there = |problem: &&'static Problem| {
-        let measured = study.of(problem);
-        is_on_front(problem, measured, measured.preset(preset))
-    };
-    PROBLEMS.iter().filter(is_there).collect()
+/// The problems on which a row is on the front, or below it; and those on which it is not.
+fn split(study: &Study, row: impl Fn(&'static Problem, &Measured) -> bool) -> [Vec<String>; 2] {
+    let (on, off): (Vec<_>, Vec<_>) = PROBLEMS.iter().partition(|problem| row(problem, study.of(problem)));
+    [on, off].map(|problems| problems.into_iter().map(|p| format!("`{}`", p.name)).collect())
+}
+
+/// A sentence about where a row is on the front.
+fn front(name: &str, [on, off]: &[Vec<String>; 2]) -> String {
+    let mut text = format!(
+        "On {} of {} problems, no peer is both cheaper and more accurate than {name}: {}.",
+        on.len(),
+        PROBLEMS.len(),
+        list(on)
+    );
+    if !off.is_empty() {
+        let _ = write!(text, " On {} it is beaten: {}.", off.len(), list(off));
+    }
+    text
 }
 
 fn is_unseen(row: &&Row, problem: &Problem) -> bool {
@@ -131,32 +142,34 @@ pub fn markdown(study: &Study) -> String {
          second, medians of {rounds} rounds.\n\n",
         study.machine, study.cores
     );
-    let count = |preset: &str| on_front(study, preset).len();
-    let names = |is_on: bool| -> Vec<String> {
-        let on = on_front(study, "standard");
-        let asked = PROBLEMS.iter().filter(|p| on.iter().any(|o| o.name == p.name) == is_on);
-        asked.map(|p| format!("`{}`", p.name)).collect()
-    };
+    let of_preset = |preset: &str| split(study, |problem, m| is_on_front(problem, m, m.preset(preset)));
+    let delivered = split(study, |problem, m| is_on_front(problem, m, m.delivered(problem)));
     let _ = writeln!(text, "## Where `standard` is on the front\n");
+    let _ = writeln!(text, "{}\n", front("`standard`, physics alone", &of_preset("standard")));
     let _ = writeln!(
         text,
-        "On {} of {} problems, no peer is both cheaper and more accurate than `standard`: {}.",
-        count("standard"),
-        PROBLEMS.len(),
-        list(&names(true))
+        "{}\n",
+        front("`standard` as it is delivered, with its control where something stands", &delivered)
     );
-    let off = names(false);
-    if !off.is_empty() {
-        let _ = writeln!(text, "On {} it is not: {}.", off.len(), list(&off));
-    }
     let others: Vec<String> = ours::PRESETS
         .iter()
         .filter(|preset| **preset != "standard")
-        .map(|preset| format!("`{preset}` on {}", count(preset)))
+        .map(|preset| format!("`{preset}` on {}", of_preset(preset)[0].len()))
         .collect();
-    let _ = writeln!(text, "The other presets: {}.\n", list(&others));
-    let _ = writeln!(text, "| problem | error | draft | preview | standard | fine | reference | on the front |");
-    let _ = writeln!(text, "|{}", " --- |".repeat(8));
+    let _ = writeln!(text, "The other presets, physics alone, are on the front thus often: {}.\n", list(&others));
+    let worse: Vec<String> = PROBLEMS
+        .iter()
+        .filter(|problem| study.of(problem).is_out_of_order(problem))
+        .map(|problem| format!("`{}` ({})", problem.name, problem.fault.unwrap_or("the cause is not known")))
+        .collect();
+    if !worse.is_empty() {
+        let _ = writeln!(text, "`reference` errs more than `draft` on {}: {}.\n", worse.len(), worse.join("; "));
+    }
+    let _ = writeln!(
+        text,
+        "| problem | error | draft | preview | standard | fine | reference | on the front | delivered |"
+    );
+    let _ = writeln!(text, "|{}", " --- |".repeat(9));
     for problem in PROBLEMS {
         let measured = study.of(problem);
         let cells: Vec<String> = ours::PRESETS
@@ -166,10 +179,11 @@ pub fn markdown(study: &Study) -> String {
                 format!("{} / {} ms", error(row, problem), short(row.cost()))
             })
             .collect();
-        let on = if is_on_front(problem, measured, measured.preset("standard")) { "yes" } else { "no" };
+        let [on, delivered] = [measured.preset("standard"), measured.delivered(problem)]
+            .map(|row| if is_on_front(problem, measured, row) { "yes" } else { "no" });
         let _ = writeln!(
             text,
-            "| [{}](#{}) | {} | {} | {on} |",
+            "| [{}](#{}) | {} | {} | {on} | {delivered} |",
             problem.name,
             problem.name,
             problem.unit,

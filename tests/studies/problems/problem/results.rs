@@ -44,6 +44,14 @@ pub enum Kind {
     Peer,
 }
 
+/// By how much `reference` must err more than `draft` to be worse, in shares of an error that is seen.
+const WORSE: f64 = 0.1;
+
+/// Whether the most expensive preset is worse than the cheapest one.
+pub fn is_worse(problem: &Problem, draft: f64, reference: f64) -> bool {
+    reference.max(problem.least) > draft.max(problem.least) + WORSE * problem.seen
+}
+
 impl Row {
     /// Median of the rounds.
     pub fn cost(&self) -> f64 {
@@ -66,6 +74,18 @@ impl Measured {
     pub fn preset(&self, name: &str) -> &Row {
         let is_asked = |row: &&Row| row.kind == Kind::Preset && row.settings == name;
         self.rows.iter().find(is_asked).expect("every preset is measured")
+    }
+
+    /// Whether its `reference` errs more than its `draft`.
+    pub fn is_out_of_order(&self, problem: &Problem) -> bool {
+        let [draft, reference] =
+            ["draft", "reference"].map(|name| self.preset(name).error.expect("presets are never stopped"));
+        is_worse(problem, draft, reference)
+    }
+
+    /// `standard` as a bake is delivered: with its control, where something stands.
+    pub fn delivered(&self, problem: &Problem) -> &Row {
+        self.of_kind(Kind::Control).find(|_| problem.stands).unwrap_or_else(|| self.preset("standard"))
     }
 
     pub fn of_kind(&self, kind: Kind) -> impl Iterator<Item = &Row> {

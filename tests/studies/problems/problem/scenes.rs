@@ -42,8 +42,8 @@ pub fn arch(factor: f64) -> Scene {
     placed(prop("stone", stone, 0.7), poses)
 }
 
-/// The least thickness of a half ring of mean radius 1 that stands, of an odd number of stones with flat faces: a line of
-/// thrust passes through each joint. No stone slides.
+/// The least thickness of a half ring of mean radius 1 that stands, of an odd number of stones with flat faces: a line
+/// of thrust passes through each joint. No stone slides.
 fn least_thickness(stones: usize) -> f64 {
     let (mut falls, mut stands) = (0.02, 0.5);
     for _ in 0..60 {

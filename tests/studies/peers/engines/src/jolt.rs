@@ -160,7 +160,8 @@ impl Jolt {
             ..Default::default()
         };
         add(&still, JPC_ACTIVATION_DONT_ACTIVATE);
-        let solids = scene.shapes.iter().map(|s| solid(s, density(s)?, scene.exact)).collect::<anyhow::Result<Vec<_>>>()?;
+        let solids =
+            scene.shapes.iter().map(|s| solid(s, density(s)?, scene.exact)).collect::<anyhow::Result<Vec<_>>>()?;
         let placed = |body: &PeerBody| {
             let [x, y, z, w] = body.rotation.map(|x| x as f32);
             JPC_BodyCreationSettings {

@@ -39,9 +39,8 @@ impl Rapier {
         let ground = ColliderBuilder::halfspace(rapier3d::na::Unit::new_unchecked(Vector::Y));
         world.insert_collider(ground.translation(vector([0.0, scene.ground, 0.0])).friction(friction), None);
         let solids = scene.shapes.iter().map(solid).collect::<anyhow::Result<Vec<_>>>()?;
-        let pose = |b: &PeerBody| {
-            Pose::from_parts(vector(b.position), Rotation::from_array(b.rotation.map(|x| x as f32)))
-        };
+        let pose =
+            |b: &PeerBody| Pose::from_parts(vector(b.position), Rotation::from_array(b.rotation.map(|x| x as f32)));
         for PeerScenery { place, velocity } in &scene.scenery {
             let rigid = match velocity {
                 [0.0, 0.0, 0.0] => RigidBodyBuilder::fixed(),
