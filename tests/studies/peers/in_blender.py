@@ -71,6 +71,8 @@ def main():
     arguments = parser.parse_args(given)
     scene = piles.read(arguments.scene)
     assert not scene.launched and not any(any(one["velocity"]) for one in scene.scenery), "Blender has no velocities"
+    one_part = all(len(scene.shapes[one["place"]["shape"]]["solid"].get("hulls", [])) < 2 for one in scene.scenery)
+    assert one_part, "scenery of one part"
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.context.scene.render.fps = round(scene.fps)
     bpy.context.scene.gravity = (0, -scene.gravity, 0)

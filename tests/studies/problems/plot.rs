@@ -14,6 +14,8 @@ const FONT: &str = "Noto Sans";
 const PRESET: RGBColor = RGBColor(0x1f, 0x5f, 0xa8);
 const CONTROL: RGBColor = RGBColor(0x5f, 0xb0, 0xe8);
 const PARAMETER: RGBColor = RGBColor(0xa8, 0xb4, 0xc4);
+/// Where the names of the presets stand beside their points, so that neighbours do not hide each other.
+const NAMES: [(i32, i32); 5] = [(-12, -25), (-68, -8), (12, -8), (-12, 9), (-12, -25)];
 const PEERS: [(&str, RGBColor); 6] = [
     ("rapier", RGBColor(0xd9, 0x6a, 0x1c)),
     ("Box3D", RGBColor(0x2e, 0x8b, 0x57)),
@@ -88,9 +90,7 @@ where
     let presets = || measured.of_kind(Kind::Preset).filter_map(|row| Some((row, point(row)?)));
     chart.draw_series(LineSeries::new(presets().map(|(_, at)| at), PRESET.stroke_width(2)))?;
     chart.draw_series(presets().map(|(_, at)| Circle::new(at, 6, PRESET.filled())))?;
-    // Names stand above and below in turn, so that neighbours do not hide each other.
-    for (number, (row, at)) in presets().enumerate() {
-        let offset = if number % 2 == 0 { (-12, -25) } else { (-12, 9) };
+    for ((row, at), offset) in presets().zip(NAMES) {
         let text = Text::new(row.settings.clone(), offset, (FONT, 15).into_font().color(&PRESET));
         chart.draw_series([EmptyElement::at(at) + text])?;
     }
@@ -101,12 +101,16 @@ fn legend<B: DrawingBackend>(measured: &Measured, area: &DrawingArea<B, Shift>) 
 where
     B::ErrorType: 'static,
 {
-    let own = [(PRESET, "Cairn's presets"), (CONTROL, "standard, controlled"), (PARAMETER, "standard, one changed")];
+    let mut own = vec![(PRESET, "Cairn's presets"), (PARAMETER, "standard, one changed")];
+    if measured.of_kind(Kind::Control).next().is_some() {
+        own.push((CONTROL, "standard, controlled"));
+    }
+    let count = own.len();
     let is_there = |name: &str| measured.rows.iter().any(|row| row.engine == name);
     let peers = PEERS.into_iter().filter(|(name, _)| is_there(name)).map(|(name, color)| (color, name));
     for (line, (color, name)) in own.into_iter().chain(peers).enumerate() {
         let y = 70 + 26 * line as i32;
-        if line < own.len() {
+        if line < count {
             area.draw(&Circle::new((8, y + 8), 5, color.filled()))?;
         } else {
             area.draw(&TriangleMarker::new((8, y + 9), 6, color.filled()))?;

@@ -74,14 +74,16 @@ class Theirs:
 
 
 def can(entry, problem):
-    """Blender takes no velocities, and seconds to start: it runs few bodies. The control is about what stands."""
+    """Blender takes no velocities, scenery of one part, and seconds to start: it runs few bodies. The control is about
+    what stands."""
     if entry.kind == "control":
         return problem["stands"]
     if entry.name != "Blender":
         return True
     scene = json.loads((FOLDER / f"{problem['name']}-{problem['timed']}.json").read_text())
     moves = scene["launched"] or any(any(one["velocity"]) for one in scene["scenery"])
-    return not (problem["limit"] or moves or len(scene["bodies"]) > 10)
+    parts = any(len(scene["shapes"][one["place"]["shape"]]["solid"].get("hulls", [])) > 1 for one in scene["scenery"])
+    return not (problem["limit"] or moves or parts or len(scene["bodies"]) > 10)
 
 
 def place(entry, problem):
@@ -104,7 +106,7 @@ def figures(entry, problem, case, path):
             print(fault, file=sys.stderr)
             cpu, judged = None, None
         out.unlink(missing_ok=True)
-        part.write_text(json.dumps({"cpu": cpu, "judged": judged}))
+        part.write_text(json.dumps({"cpu": cpu, "judged": judged, "load": round(os.getloadavg()[0], 2)}))
 
     return kept(path, make)
 
@@ -155,10 +157,10 @@ def main():
     entries = [*map(Ours, index["variants"]), *(Theirs(peer) for peer in ENTRIES if is_there(peer))]
     entries = [one for one in entries if chosen.engines is None or one.name in chosen.engines]
     problems = [one for one in index["problems"] if chosen.problems is None or one["name"] in chosen.problems]
-    begin = os.getloadavg()[0]
     measured = [measure(problem, entries, chosen.rounds) for problem in problems]
     found = machine()
-    load = [round(begin, 2), round(os.getloadavg()[0], 2)]
+    loads = [json.loads(path.read_text())["load"] for path in FOLDER.glob("runs/*/*/round*.json")]
+    load = [min(loads), max(loads)]
     study = {"machine": found["model"], "cores": found["cores"], "load": load, "problems": measured}
     whole = chosen.problems is None and chosen.engines is None
     folder = HERE if whole else FOLDER

@@ -138,7 +138,7 @@ pub fn markdown(study: &Study) -> String {
         text,
         "# Errors against a truth, and what they cost\n\nSmall problems with known answers, in Cairn and in other \
          engines. [How they are measured](README.md).\n\nMade by `tests/studies/problems/run` on {}, {} cores, one \
-         thread each, load {low} in the beginning and {high} in the end. Times are CPU milliseconds for each simulated \
+         thread each, load {low} to {high}. Times are CPU milliseconds for each simulated \
          second, medians of {rounds} rounds.\n\n",
         study.machine, study.cores
     );
@@ -157,13 +157,23 @@ pub fn markdown(study: &Study) -> String {
         .map(|preset| format!("`{preset}` on {}", of_preset(preset)[0].len()))
         .collect();
     let _ = writeln!(text, "The other presets, physics alone, are on the front thus often: {}.\n", list(&others));
-    let worse: Vec<String> = PROBLEMS
-        .iter()
-        .filter(|problem| study.of(problem).is_out_of_order(problem))
-        .map(|problem| format!("`{}` ({})", problem.name, problem.fault.unwrap_or("the cause is not known")))
-        .collect();
+    // Those of one cause together.
+    let worse: Vec<_> = PROBLEMS.iter().filter(|problem| study.of(problem).is_out_of_order(problem)).collect();
+    let mut causes: Vec<(&str, Vec<String>)> = Vec::new();
+    for problem in &worse {
+        let cause = problem.fault.unwrap_or("the cause is not known");
+        let name = format!("`{}`", problem.name);
+        match causes.iter_mut().find(|(known, _)| *known == cause) {
+            Some((_, names)) => names.push(name),
+            None => causes.push((cause, vec![name])),
+        }
+    }
     if !worse.is_empty() {
-        let _ = writeln!(text, "`reference` errs more than `draft` on {}: {}.\n", worse.len(), worse.join("; "));
+        let _ = writeln!(text, "`reference` errs more than `draft` on {}:\n", worse.len());
+        for (cause, names) in causes {
+            let _ = writeln!(text, "- {}: {cause}.", list(&names));
+        }
+        text.push('\n');
     }
     let _ = writeln!(
         text,

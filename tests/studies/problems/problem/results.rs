@@ -10,7 +10,7 @@ use std::path::Path;
 pub struct Study {
     pub machine: String,
     pub cores: u32,
-    /// Mean number of processes that ran or waited when the study began and ended.
+    /// Smallest and largest mean number of processes that ran or waited.
     pub load: [f64; 2],
     pub problems: Vec<Measured>,
 }
