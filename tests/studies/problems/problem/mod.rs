@@ -112,8 +112,8 @@ pub fn of(name: &str) -> Option<&'static Problem> {
 }
 
 /// Friction is solved for each contact point as if it stopped the slip, and then cut to its limit. Its direction is
-/// then the slip's, turned by the point's effective mass: by 20 degrees at the corners of a cube, so that all is 6 % too
-/// weak.
+/// then the slip's, turned by the point's effective mass: by 20 degrees at the corners of a cube, whose friction is 6 %
+/// too weak for that.
 const FRICTION: &str = "the engine's friction by contact point, `physics.friction_model = \"coulomb\"`, is too weak \
                         where a body slides: at its corners, friction does not point against the motion";
 

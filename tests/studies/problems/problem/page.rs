@@ -200,10 +200,58 @@ pub fn markdown(study: &Study) -> String {
             cells.join(" | ")
         );
     }
+    parameters(study, &mut text);
     for problem in PROBLEMS {
         section(problem, study.of(problem), &mut text);
     }
     text
+}
+
+/// What single parameters gain over `standard`.
+fn parameters(study: &Study, text: &mut String) {
+    let _ = write!(
+        text,
+        "\n## Single parameters\n\n`standard` with one parameter changed, physics alone, on the {} problems: how often \
+         it is a tenth cheaper and errs by no more than a tenth more, how often it errs by half or less, and how often \
+         by twice as much or more. Time: relative to `standard`, median of the problems.\n\n",
+        PROBLEMS.len()
+    );
+    let _ = writeln!(text, "| parameter | time | cheaper, no worse | half the error | twice the error |");
+    let _ = writeln!(text, "|{}", " --- |".repeat(5));
+    let names = study.problems.iter().flat_map(|m| m.of_kind(Kind::Parameter)).map(|row| row.settings.clone());
+    let mut known = Vec::new();
+    for name in names {
+        if known.contains(&name) {
+            continue;
+        }
+        // Time and error over those of `standard`.
+        let ratios: Vec<(&Problem, f64, f64)> = PROBLEMS
+            .iter()
+            .filter_map(|problem| {
+                let measured = study.of(problem);
+                let row = measured.of_kind(Kind::Parameter).find(|row| row.settings == name)?;
+                let standard = measured.preset("standard");
+                let error = Measured::error(row, problem)? / Measured::error(standard, problem)?;
+                Some((problem, row.cost() / standard.cost(), error))
+            })
+            .collect();
+        let mut times: Vec<f64> = ratios.iter().map(|r| r.1).collect();
+        times.sort_by(f64::total_cmp);
+        let of = |is: &dyn Fn(f64, f64) -> bool| -> String {
+            let names: Vec<String> =
+                ratios.iter().filter(|r| is(r.1, r.2)).map(|r| format!("`{}`", r.0.name)).collect();
+            if names.is_empty() { "-".into() } else { format!("{}: {}", names.len(), names.join(", ")) }
+        };
+        let _ = writeln!(
+            text,
+            "| `{name}` | {:.2} | {} | {} | {} |",
+            times[times.len() / 2],
+            of(&|time, error| time <= 0.9 && error <= 1.1),
+            of(&|_, error| error <= 0.5),
+            of(&|_, error| error >= 2.0)
+        );
+        known.push(name);
+    }
 }
 
 fn section(problem: &Problem, measured: &Measured, text: &mut String) {
