@@ -1,9 +1,10 @@
 //! The problems of `tests/studies/problems`: Cairn's errors are those of the committed results, a higher preset is no
 //! worse, and the page says what the results say.
 
-use crate::problem::results::{Kind, Study, is_worse};
+use crate::problem::results::{Kind, Measured, Row, Study, is_worse};
 use crate::problem::{Ask, PROBLEMS, Problem, ours, page};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
@@ -84,4 +85,29 @@ fn the_page_says_what_the_results_say() {
         let peers = measured.of_kind(Kind::Peer).filter(|row| row.error.is_some()).count();
         assert!(peers >= 9 && measured.rows.iter().all(|row| row.cpu.len() >= 3), "{}: {peers} peers", problem.name);
     }
+}
+
+/// What `README.md` of the study says.
+#[test]
+fn the_errors_say_what_the_readme_says() {
+    let study = study();
+    let of = |name: &str| {
+        let problem = crate::problem::of(name).expect("a problem");
+        (problem, study.of(problem))
+    };
+    let least = |name: &str, engine: &str| {
+        let (problem, measured) = of(name);
+        let rows = measured.of_kind(Kind::Peer).filter(|row| row.engine.starts_with(engine));
+        rows.filter_map(|row| Measured::error(row, problem)).fold(f64::INFINITY, f64::min)
+    };
+    let standard = |name: &str| of(name).1.preset("standard").error.expect("standard is never stopped");
+    assert!(least("cards", "") > standard("cards"), "no peer is as good on a house of cards");
+    let (sag, tower) = of("sag");
+    let better: Vec<_> = tower.beaten_by(tower.preset("standard"), sag).map(|row| &*row.engine).collect();
+    assert!(better.iter().all(|engine| *engine == "Jolt"), "a tower: {better:?}");
+    assert!(least("arch", "Box3D") < standard("arch") && least("overhang", "Box3D") < standard("overhang"));
+    assert!(least("top", "rapier") < standard("top"));
+    let sunk = |row: &&Row| row.error.is_some_and(|error| error > 50.0);
+    let engines: BTreeSet<_> = of("masses").1.of_kind(Kind::Peer).filter(sunk).map(|row| &row.engine).collect();
+    assert!(engines.len() >= 4, "1000:1 sinks through in {engines:?}");
 }

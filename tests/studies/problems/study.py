@@ -149,9 +149,13 @@ def main():
     parser.add_argument("--engines", nargs="*", metavar="NAME", help="only these; results.json stays as it is")
     parser.add_argument("--rounds", type=int, default=3, help="how often each setting runs")
     parser.add_argument("--fresh", action="store_true", help="forget what was measured")
+    parser.add_argument("--again", nargs="*", default=[], metavar="NAME", help="forget what these engines did")
     chosen = parser.parse_args()
     if chosen.fresh:
         shutil.rmtree(FOLDER, ignore_errors=True)
+    for name in chosen.again:
+        for folder in FOLDER.glob(f"runs/*/{name}-*"):
+            shutil.rmtree(folder)
     run([str(PROBLEMS), "write", str(FOLDER)])
     index = json.loads((FOLDER / "index.json").read_text())
     entries = [*map(Ours, index["variants"]), *(Theirs(peer) for peer in ENTRIES if is_there(peer))]
