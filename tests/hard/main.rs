@@ -6,6 +6,9 @@
 //! sweep: `cargo run --release --example sweep`.
 
 mod guard;
+#[path = "../studies/problems/problem/mod.rs"]
+mod problem;
+mod problems;
 mod rows;
 mod sweep;
 

@@ -5,15 +5,15 @@ use super::scenes::{at, block, placed, prop};
 use super::{Extent, Outcome, all};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Keyframe, Model, StaticModel};
+use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 
-fn scenery(name: &str, mesh: TriMesh, friction: f64) -> StaticModel {
+pub fn scenery(name: &str, mesh: TriMesh, friction: f64) -> StaticModel {
     StaticModel { model: Model::new(name, mesh), friction, keys: Vec::new() }
 }
 
-fn moved(mesh: TriMesh, by: DVec3) -> TriMesh {
+pub fn moved(mesh: TriMesh, by: DVec3) -> TriMesh {
     mesh.transformed(&DAffine3::from_translation(by))
 }
 
@@ -41,32 +41,41 @@ pub fn edge_hover(engine: Engine, _: Extent) -> Outcome {
     }
 }
 
-pub fn overhang(engine: Engine, _: Extent) -> Outcome {
+/// The blocks of the overhang.
+pub const OVERHANGING: DVec3 = DVec3::new(1.0, 0.2, 0.5);
+
+/// Five blocks that overhang by `factor` times what just stands, the top one first.
+pub fn overhanging(factor: f64) -> Scene {
     const BLOCKS: usize = 5;
-    let size = DVec3::new(1.0, 0.2, 0.5);
+    let size = OVERHANGING;
+    // From the top: each juts out over the one below by L/2i. The lowest stands on a kept one.
+    let mut x = 0.0;
+    let mut poses = Vec::new();
+    for i in 1..=BLOCKS {
+        poses.push(at(x, size.y * ((BLOCKS - i + 1) as f64 + 0.5), 0.0));
+        x -= factor * size.x / 2.0 / i as f64;
+    }
+    let mut scene = placed(prop("block", block(size), 0.7), poses);
+    scene.statics.push(scenery("base", moved(block(size), DVec3::new(x, size.y / 2.0, 0.0)), 0.7));
+    scene
+}
+
+pub fn overhang(engine: Engine, _: Extent) -> Outcome {
     let fallen = |factor: f64| {
-        // From the top: each juts out over the one below by L/2i. The lowest stands on a kept one.
-        let mut x = 0.0;
-        let mut poses = Vec::new();
-        for i in 1..=BLOCKS {
-            poses.push(at(x, size.y * ((BLOCKS - i + 1) as f64 + 0.5), 0.0));
-            x -= factor * size.x / 2.0 / i as f64;
-        }
-        let mut scene = placed(prop("block", block(size), 0.7), poses);
-        scene.statics.push(scenery("base", moved(block(size), DVec3::new(x, size.y / 2.0, 0.0)), 0.7));
-        let motion = run(engine, &scene, 10.0);
+        let motion = run(engine, &overhanging(factor), 10.0);
         motion.first()[0].translation.y - motion.last()[0].translation.y
     };
     let (inside, outside) = (fallen(0.99), fallen(1.01));
+    let high = OVERHANGING.y;
     all([
         // It leans as its contacts give way, but stands.
-        (format!("-1 %: the top sinks {:.1} %", 100.0 * inside / size.y), inside < 0.2 * size.y),
-        (format!("+1 %: {:.0} % of a block", 100.0 * outside / size.y), outside > size.y),
+        (format!("-1 %: the top sinks {:.1} %", 100.0 * inside / high), inside < 0.2 * high),
+        (format!("+1 %: {:.0} % of a block", 100.0 * outside / high), outside > high),
     ])
 }
 
-/// How far a low block slides in 4 s on a slope of this angle, climbing toward an azimuth, in d.
-fn slide(engine: Engine, friction: f64, angle: f64, azimuth: f64) -> f64 {
+/// A low block on a slope of this angle, which climbs toward an azimuth.
+pub fn on_slope(friction: f64, angle: f64, azimuth: f64) -> Scene {
     let turn = DQuat::from_rotation_y(azimuth) * DQuat::from_rotation_z(angle);
     let base = DVec3::Y * 60.0;
     let slab = block(DVec3::new(60.0, 1.0, 60.0)).transformed(&DAffine3::from_rotation_translation(turn, base));
@@ -75,7 +84,12 @@ fn slide(engine: Engine, friction: f64, angle: f64, azimuth: f64) -> f64 {
     let pose = Pose { translation, rotation: turn * DQuat::from_rotation_y(azimuth) };
     let mut scene = placed(prop("block", block(DVec3::new(0.4, 0.1, 0.4)), friction), [pose]);
     scene.statics.push(scenery("slope", slab, friction));
-    let motion = run(engine, &scene, 4.0);
+    scene
+}
+
+/// How far it slides in 4 s, in d.
+fn slide(engine: Engine, friction: f64, angle: f64, azimuth: f64) -> f64 {
+    let motion = run(engine, &on_slope(friction, angle, azimuth), 4.0);
     motion.drift(FPS as usize / 2, motion.frames.len() - 1) / 0.57
 }
 

@@ -3,12 +3,13 @@
 use super::engines::{Engine, FPS, Motion, baked, params, run};
 use super::scenes::{asset, at, ball, block, cloud, cone, cylinder, filled, placed, prop};
 use super::{Extent, Outcome, all};
+use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::input::params::{Params, ReleaseOrder};
+use cairn_core::input::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
 
 pub fn balls(engine: Engine, extent: Extent) -> Outcome {
-    const RADIUS: f64 = 0.05;
     let (count, across) = if extent == Extent::Full { (1000, 8) } else { (200, 5) };
     let seconds = 25.0;
     let scene = placed(prop("ball", ball(RADIUS), 0.7), cloud(count, across, 2.2 * RADIUS, 5));
@@ -23,15 +24,25 @@ pub fn balls(engine: Engine, extent: Extent) -> Outcome {
     ])
 }
 
+/// Of the ball that rolls, m/s.
+const SPEED: f64 = 1.0;
+
+/// Radius of balls, m.
+pub const RADIUS: f64 = 0.05;
+
+/// A ball on level ground, thrown along it at a speed, m/s; so many times as fast around itself as if it rolled.
+pub fn thrown_ball(mesh: TriMesh, speed: f64, turns: f64, friction: f64) -> Scene {
+    let mut scene = placed(prop("ball", mesh, friction), [at(0.0, RADIUS, 0.0)]);
+    scene.bodies[0].velocity = DVec3::X * speed;
+    scene.bodies[0].angular_velocity = DVec3::NEG_Z * speed / RADIUS * turns;
+    scene
+}
+
 /// A ball that rolls at 1 m/s on level ground slows by c g / 1.4, c the coefficient of rolling resistance.
 pub fn rolling(engine: Engine, _: Extent) -> Outcome {
-    const RADIUS: f64 = 0.05;
-    const SPEED: f64 = 1.0;
     // Before the late damping of everything that still moves sets in.
     const SECONDS: f64 = 1.2;
-    let mut scene = placed(prop("ball", ball(RADIUS), 0.7), [at(0.0, RADIUS, 0.0)]);
-    scene.bodies[0].velocity = DVec3::X * SPEED;
-    scene.bodies[0].angular_velocity = DVec3::NEG_Z * SPEED / RADIUS;
+    let scene = thrown_ball(ball(RADIUS), SPEED, 1.0, 0.7);
     let exact = params(engine, 0.0).physics.rolling_resistance * 9.81 / 1.4;
     let motion = run(engine, &scene, SECONDS);
     let end = motion.frames.len() - 1;

@@ -6,7 +6,7 @@ use super::{Extent, Outcome, all};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params};
-use cairn_core::input::scene::{Keyframe, Model, StaticModel};
+use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 
@@ -49,18 +49,29 @@ pub fn fast_scenery(engine: Engine, _: Extent) -> Outcome {
     all([(format!("{behind} of 3 behind the wall"), behind == 0 && divided)])
 }
 
+/// Of the conveyor's slab, m/s.
+pub const CONVEYOR: f64 = 1.0;
+
 /// A block on a slab that moves from the first frame on: only friction takes it along.
+pub fn on_conveyor(friction: f64) -> Scene {
+    let mut scene = placed(prop("block", block(DVec3::splat(0.1)), friction), [at(0.0, 0.15, 0.0)]);
+    scene.statics = vec![moved(block(DVec3::new(6.0, 0.1, 1.0)), friction, 0.05, CONVEYOR, [0.0, 1.5])];
+    scene
+}
+
+/// How far the block slides on the slab until it moves along.
+pub fn conveyor_slide(friction: f64) -> f64 {
+    CONVEYOR * CONVEYOR / (2.0 * friction * 9.81)
+}
+
 pub fn conveyor(engine: Engine, _: Extent) -> Outcome {
-    const SPEED: f64 = 1.0;
     all([0.2, 0.7].map(|friction| {
-        let mut scene = placed(prop("block", block(DVec3::splat(0.1)), friction), [at(0.0, 0.15, 0.0)]);
-        scene.statics = vec![moved(block(DVec3::new(6.0, 0.1, 1.0)), friction, 0.05, SPEED, [0.0, 1.5])];
-        let motion = run(engine, &scene, 1.4);
+        let motion = run(engine, &on_conveyor(friction), 1.4);
         let frame = motion.frames.len() - 1;
-        let slid = SPEED * frame as f64 / FPS - motion.place(frame, 0).x;
+        let slid = CONVEYOR * frame as f64 / FPS - motion.place(frame, 0).x;
         // No step is divided for scenery that is slow.
         let whole = motion.count("scenery_part_steps") == 0;
-        let exact = SPEED * SPEED / (2.0 * friction * 9.81);
+        let exact = conveyor_slide(friction);
         let far = slid / exact - 1.0;
         (
             format!("friction {friction}: slides {:.0} mm, by theory {:.0}", 1e3 * slid, 1e3 * exact),
@@ -69,24 +80,34 @@ pub fn conveyor(engine: Engine, _: Extent) -> Outcome {
     }))
 }
 
-/// Links that hang in each other from one that is fixed. Their collision shapes are of several convex parts, and those
-/// of neighbours must not overlap where the meshes do not.
-pub fn chain(engine: Engine, _: Extent) -> Outcome {
-    const LINKS: usize = 8;
-    const ROUND: f64 = 0.05;
-    const THICK: f64 = 0.008;
-    // Each nearly touches the next one.
-    let spacing = 2.0 * (ROUND - THICK) * 0.99;
-    let link = |k: usize| Pose {
-        translation: DVec3::Y * (1.0 - spacing * k as f64),
+/// Links of the chain; the radius of a link's middle line, and that of its tube.
+const LINKS: usize = 8;
+const ROUND: f64 = 0.05;
+const THICK: f64 = 0.008;
+/// How far apart the middles of links are that hang in each other.
+pub const TAUT: f64 = 2.0 * (ROUND - THICK);
+
+/// Each nearly touches the next one. The first is kept.
+fn link(k: usize) -> Pose {
+    Pose {
+        translation: DVec3::Y * (1.0 - 0.99 * TAUT * k as f64),
         rotation: DQuat::from_rotation_y(if k.is_multiple_of(2) { 0.0 } else { FRAC_PI_2 }),
-    };
+    }
+}
+
+/// Links that hang in each other from one that is fixed.
+pub fn hanging() -> Scene {
     let mesh = ring(ROUND, THICK);
     let mut scene = placed(prop("link", mesh.clone(), 0.5), (1..=LINKS).map(link));
     let points = mesh.points.iter().map(|&p| link(0).translation + p).collect();
     let hook = Model::new("hook", TriMesh { points, ..mesh });
     scene.statics = vec![StaticModel { model: hook, friction: 0.5, keys: Vec::new() }];
-    let motion = run(engine, &scene, 3.0);
+    scene
+}
+
+/// The collision shapes are of several convex parts, and those of neighbours must not overlap where the meshes do not.
+pub fn chain(engine: Engine, _: Extent) -> Outcome {
+    let motion = run(engine, &hanging(), 3.0);
     let seconds = motion.frames.len() - 1;
     let place = |k: usize| if k == 0 { link(0).translation } else { motion.place(seconds, k - 1) };
     let moved = |k: usize| (place(k) - place(k - 1)).distance(link(k).translation - link(k - 1).translation);

@@ -50,6 +50,21 @@ pub fn ball(radius: f64) -> TriMesh {
     turned(&(1..12).map(ring).chain([(radius * 1e-3, radius)]).collect::<Vec<_>>(), 24)
 }
 
+/// A ball with poles, of so many meridians and half as many parallels.
+pub fn globe(radius: f64, meridians: u32) -> TriMesh {
+    let parallels = meridians / 2;
+    let ring = |k: u32| {
+        let (sin, cos) = (TAU / 2.0 * f64::from(k) / f64::from(parallels)).sin_cos();
+        (radius * sin, -radius * cos)
+    };
+    let mut mesh = turned(&(1..parallels).map(ring).collect::<Vec<_>>(), meridians);
+    // The last two points are the poles.
+    let poles = mesh.points.len() - 2;
+    mesh.points[poles] = DVec3::NEG_Y * radius;
+    mesh.points[poles + 1] = DVec3::Y * radius;
+    mesh
+}
+
 /// A ring in the plane of x and y: the radius of its middle line, and that of its tube.
 pub fn ring(round: f64, thick: f64) -> TriMesh {
     const AROUND: u32 = 24;

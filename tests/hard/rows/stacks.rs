@@ -3,7 +3,7 @@
 use super::engines::{Engine, FPS, Motion, run};
 use super::scenes::{at, block, cards, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::input::scene::{Keyframe, Model, StaticModel};
+use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
 use glam::DVec3;
 
 pub fn card_tower(engine: Engine, extent: Extent) -> Outcome {
@@ -66,12 +66,16 @@ fn cube(edge: f64) -> cairn_core::input::scene::Prop {
     prop("cube", block(DVec3::splat(edge)), 0.7)
 }
 
-/// A cube that is so many times as heavy on one of 1 kg: how deep it sinks in 5 s, in edges, and whether the report
-/// names the masses.
-fn sag(engine: Engine, ratio: f64) -> (f64, bool) {
+/// A cube that is so many times as heavy on one of 1 kg.
+pub fn heavy(ratio: f64) -> Scene {
     let mut scene = placed(cube(0.1), [at(0.0, 0.05, 0.0), at(0.0, 0.15, 0.0)]);
     scene.bodies[1].mass = Some(ratio);
-    let motion = run(engine, &scene, 5.0);
+    scene
+}
+
+/// How deep the heavy cube sinks in 5 s, in edges, and whether the report names the masses.
+fn sag(engine: Engine, ratio: f64) -> (f64, bool) {
+    let motion = run(engine, &heavy(ratio), 5.0);
     let sag = (0.15 - motion.last()[1].translation.y) / 0.1;
     (sag, motion.report.as_ref().is_some_and(|r| r.warnings.iter().any(|w| w.contains("mass"))))
 }
@@ -96,12 +100,16 @@ pub fn heaviest_is_told(engine: Engine, _: Extent) -> Outcome {
     all([(format!("10:1: {}", word(light)), !light), (format!("10000:1: {}", word(heavy)), heavy)])
 }
 
+/// Ten cubes on top of each other.
+pub fn cubes(edge: f64) -> Scene {
+    placed(cube(edge), (0..10).map(|k| at(0.0, edge * (f64::from(k) + 0.5), 0.0)))
+}
+
 pub fn tower(engine: Engine, extent: Extent) -> Outcome {
     let part = |edge: f64| {
         // The time that a small tower takes to fall grows with the square root of its size.
         let seconds = if extent == Extent::Full || edge > 0.05 { 20.0 } else { 5.0 };
-        let scene = placed(cube(edge), (0..10).map(|k| at(0.0, edge * (f64::from(k) + 0.5), 0.0)));
-        let motion = run(engine, &scene, seconds);
+        let motion = run(engine, &cubes(edge), seconds);
         let height = 10.0 * edge;
         let sag = (motion.first()[9].translation.y - motion.last()[9].translation.y) / height;
         let sideways = motion.last().iter().map(|p| p.translation.x.hypot(p.translation.z)).fold(0.0, f64::max);

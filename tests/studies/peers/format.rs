@@ -1,14 +1,19 @@
-//! The files that engines exchange: a pile right after turning over, and where an engine left it. The package of other
-//! engines reads this file, too, so it knows nothing of Cairn.
+//! The files that engines exchange: a pile right after turning over, or a problem with a known answer, and where an
+//! engine left it. The package of other engines reads this file, too, so it knows nothing of Cairn.
 
 use serde::{Deserialize, Serialize};
 
-/// A pile right after turning over. SI, Y up, right-handed; quaternions x y z w.
+/// Bodies, and what they stand on. SI, Y up, right-handed; quaternions x y z w.
 #[derive(Serialize, Deserialize)]
 pub struct PeerScene {
-    /// The scene file and the assignments that it was made of.
+    /// The scene file and the assignments that a pile was made of.
+    #[serde(default)]
     pub file: std::path::PathBuf,
+    #[serde(default)]
     pub set: Vec<String>,
+    /// A problem whose answer is known: no engine damps by itself, and the run has the poses of every frame.
+    #[serde(default)]
+    pub exact: bool,
     /// m/s^2, downward.
     pub gravity: f64,
     /// Coulomb friction of every pair of bodies, and of a body and the ground. Engines that multiply the two of a pair
@@ -21,6 +26,31 @@ pub struct PeerScene {
     pub fps: f64,
     pub shapes: Vec<PeerShape>,
     pub bodies: Vec<PeerBody>,
+    /// Bodies that move in the beginning.
+    #[serde(default)]
+    pub launched: Vec<PeerLaunch>,
+    #[serde(default)]
+    pub scenery: Vec<PeerScenery>,
+}
+
+/// The velocities with which a body begins.
+#[derive(Clone, Copy, Serialize, Deserialize)]
+pub struct PeerLaunch {
+    /// Index into the bodies.
+    pub body: usize,
+    /// Of the centre of mass, m/s.
+    pub velocity: [f64; 3],
+    /// rad/s, in the axes of the world.
+    pub angular_velocity: [f64; 3],
+}
+
+/// What no body moves.
+#[derive(Serialize, Deserialize)]
+pub struct PeerScenery {
+    /// Its shape, and where it begins.
+    pub place: PeerBody,
+    /// m/s, all the time; zero: it stands still.
+    pub velocity: [f64; 3],
 }
 
 /// A shape about its centre of mass, in axes in which the inertia is (nearly) diagonal.
@@ -43,6 +73,8 @@ pub struct PeerShape {
 pub enum PeerSolid {
     /// Half extents, m.
     Box([f64; 3]),
+    /// Radius, m.
+    Ball(f64),
     /// Corners of convex parts, m.
     Hulls(Vec<Vec<[f64; 3]>>),
 }
@@ -73,4 +105,7 @@ pub struct PeerRun {
     pub seconds: f64,
     /// In the order of the scene.
     pub bodies: Vec<PeerBody>,
+    /// Positions and rotations at each frame, the first included; of a problem with a known answer alone.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Vec<[f64; 7]>>,
 }

@@ -1,5 +1,5 @@
 """Blender's rigid bodies, to keyframes. It multiplies the two frictions of a pair, as Bullet does, which it is made of.
-Damping and deactivation are Blender's own.
+Damping and deactivation are Blender's own; in problems with a known answer, nothing damps.
 
     blender --background --factory-startup --python tests/studies/peers/in_blender.py -- SCENE OUT
 """
@@ -36,6 +36,15 @@ def points(name, corners):
     return mesh
 
 
+def ball(name, radius):
+    """Its bounds make the sphere."""
+    ends = [(sign * radius if axis == k else 0 for k in range(3)) for axis in range(3) for sign in (-1, 1)]
+    return points(name, [tuple(end) for end in ends])
+
+
+MESHES = {"box": box, "ball": ball, "hulls": lambda name, parts: points(name, sum(parts, []))}
+
+
 def placed(body):
     x, y, z, w = body["rotation"]
     return Matrix.Translation(Vector(body["position"])) @ Quaternion((w, x, y, z)).to_matrix().to_4x4()
@@ -61,6 +70,9 @@ def main():
     parser, given = piles.arguments(__doc__)
     arguments = parser.parse_args(given)
     scene = piles.read(arguments.scene)
+    assert not scene.launched and not any(any(one["velocity"]) for one in scene.scenery), "Blender has no velocities"
+    one_part = all(len(scene.shapes[one["place"]["shape"]]["solid"].get("hulls", [])) < 2 for one in scene.scenery)
+    assert one_part, "scenery of one part"
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     bpy.context.scene.render.fps = round(scene.fps)
     bpy.context.scene.gravity = (0, -scene.gravity, 0)
@@ -75,23 +87,37 @@ def main():
     shape([ground], "BOX", friction)
 
     solids = [next(iter(one["solid"].items())) for one in scene.shapes]
-    meshes = [box("box", what) if kind == "box" else points("hulls", sum(what, [])) for kind, what in solids]
+    meshes = [MESHES[kind](kind, what) for kind, what in solids]
     bodies = [link("body", meshes[body["shape"]], placed(body)) for body in scene.bodies]
     blender_bodies.add(bodies, "ACTIVE")
-    for kind, name in (("box", "BOX"), ("hulls", "CONVEX_HULL")):
-        shape([made for body, made in zip(scene.bodies, bodies) if solids[body["shape"]][0] == kind], name, friction)
+    still = [link("scenery", meshes[one["place"]["shape"]], placed(one["place"])) for one in scene.scenery]
+    if still:
+        blender_bodies.add(still, "PASSIVE")
+    solid = [*scene.bodies, *(one["place"] for one in scene.scenery)]
+    for kind, name in (("box", "BOX"), ("ball", "SPHERE"), ("hulls", "CONVEX_HULL")):
+        of_kind = [made for body, made in zip(solid, [*bodies, *still]) if solids[body["shape"]][0] == kind]
+        shape(of_kind, name, friction)
     for body, made in zip(scene.bodies, bodies):
         made.rigid_body.mass = scene.shapes[body["shape"]]["mass"]
+        if scene.exact:
+            made.rigid_body.linear_damping = made.rigid_body.angular_damping = 0
     compound(scene, bodies, solids, friction)
 
     simulated, keyframes = blender_bodies.bake(bodies, frames)
-    bpy.context.scene.frame_set(frames)
-    graph = bpy.context.evaluated_depsgraph_get()
-    poses = [body.evaluated_get(graph).matrix_world for body in bodies]
-    turned = [(q.x, q.y, q.z, q.w) for q in (pose.to_quaternion() for pose in poses)]
-    positions = [pose.to_translation()[:] for pose in poses]
+    motion = [piles.frame_of(*poses(bodies, frame)) for frame in range(1, frames + 1)] if scene.exact else []
+    end = poses(bodies, frames)
     version = f"Blender {bpy.app.version_string}"
-    piles.write(scene, arguments, version, simulated, scene.seconds, positions, turned, keyframes_cpu=keyframes)
+    more = {"keyframes_cpu": keyframes, "motion": motion}
+    piles.write(scene, arguments, version, simulated, scene.seconds, *end, **more)
+
+
+def poses(bodies, frame):
+    """Positions and rotations at a frame."""
+    bpy.context.scene.frame_set(frame)
+    graph = bpy.context.evaluated_depsgraph_get()
+    matrices = [body.evaluated_get(graph).matrix_world for body in bodies]
+    turned = [(q.x, q.y, q.z, q.w) for q in (matrix.to_quaternion() for matrix in matrices)]
+    return [matrix.to_translation()[:] for matrix in matrices], turned
 
 
 def compound(scene, bodies, solids, friction):

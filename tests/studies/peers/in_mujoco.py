@@ -5,6 +5,9 @@ import numpy as np
 
 import scene as piles
 
+HEAVY = 1e6
+"""Mass of scenery that moves, kg."""
+
 
 def numbers(values):
     return " ".join(f"{value:.9g}" for value in values)
@@ -22,11 +25,23 @@ def model_of(scene, arguments):
         if kind == "box":
             geoms.append(f'<geom type="box" size="{numbers(what)}"/>')
             continue
+        if kind == "ball":
+            geoms.append(f'<geom type="sphere" size="{what:.9g}"/>')
+            continue
         for part, points in enumerate(what):
             flat = numbers(np.ravel(points))
             meshes.append(f'<mesh name="m{number}_{part}" vertex="{flat}"/>')
         geoms.append("".join(f'<geom type="mesh" mesh="m{number}_{part}"/>' for part in range(len(what))))
-    bodies = []
+    bodies, apart = [], []
+    for number, one in enumerate(scene.scenery):
+        place, velocity = one["place"], one["velocity"]
+        at = f'pos="{numbers(place["position"])}" quat="{numbers(wxyz(place["rotation"]))}"'
+        # What moves slides along its way, so heavy that nothing slows it. Its velocity is set later.
+        slide = f'<joint type="slide" axis="{numbers(velocity)}"/>' if any(velocity) else ""
+        heavy = f'<inertial pos="0 0 0" mass="{HEAVY}" diaginertia="{HEAVY} {HEAVY} {HEAVY}"/>' if slide else ""
+        bodies.append(f'<body name="scenery{number}" {at}>{slide}{heavy}{geoms[place["shape"]]}</body>')
+        # The ground must not slow it.
+        apart += [f'<exclude body1="world" body2="scenery{number}"/>'] if slide else []
     for body in scene.bodies:
         shape = scene.shapes[body["shape"]]
         bodies.append(
@@ -41,7 +56,7 @@ def model_of(scene, arguments):
         f"<asset>{''.join(meshes)}</asset><worldbody>"
         # A plane's normal is its Z axis.
         f'<geom type="plane" size="100 100 1" pos="0 {scene.ground} 0" zaxis="0 1 0"/>'
-        f"{''.join(bodies)}</worldbody></mujoco>"
+        f"{''.join(bodies)}</worldbody><contact>{''.join(apart)}</contact></mujoco>"
     )
 
 
@@ -53,9 +68,26 @@ def main():
     scene = piles.read(arguments.scene)
     model = mujoco.MjModel.from_xml_string(model_of(scene, arguments))
     data = mujoco.MjData(model)
-    cpu, seconds = piles.simulate(lambda: mujoco.mj_step(model, data), scene, arguments.hz, arguments.limit)
-    poses = data.qpos.reshape(-1, 7)
-    piles.write(scene, arguments, f"MuJoCo {mujoco.__version__}", cpu, seconds, poses[:, :3], poses[:, [4, 5, 6, 3]])
+    moving = [np.linalg.norm(one["velocity"]) for one in scene.scenery if any(one["velocity"])]
+    # Scenery comes first, with one coordinate each.
+    data.qvel[: len(moving)] = moving
+    velocities = data.qvel[len(moving) :].reshape(-1, 6)
+    for launch in scene.launched:
+        # Its angular velocity is in the body's own axes.
+        back, own = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(back, wxyz(scene.bodies[launch["body"]]["rotation"]))
+        mujoco.mju_rotVecQuat(own, launch["angular_velocity"], back)
+        velocities[launch["body"]] = [*launch["velocity"], *own]
+
+    def poses():
+        placed = data.qpos[len(moving) :].reshape(-1, 7)
+        return placed[:, :3], placed[:, [4, 5, 6, 3]]
+
+    def step():
+        mujoco.mj_step(model, data)
+
+    cpu, seconds, motion = piles.simulate(step, scene, arguments.hz, arguments.limit, poses)
+    piles.write(scene, arguments, f"MuJoCo {mujoco.__version__}", cpu, seconds, *poses(), motion=motion)
 
 
 main()

@@ -6,11 +6,13 @@
 //!     cargo run --release --example peers -- bake pile.json --variant held -o held.json
 //!     cargo run --release --example peers -- measure pile.json held.json
 
+mod cpu;
 mod export;
 mod format;
 mod measure;
 mod ours;
 mod pile;
+mod shapes;
 
 use anyhow::Context;
 use clap::{Parser, Subcommand};

@@ -1,8 +1,8 @@
 //! Cairn's own measures of where an engine left a pile.
 
-use crate::export::pose;
 use crate::format::{PeerBody, PeerScene, PeerShape};
 use crate::pile;
+use crate::shapes::pose;
 use anyhow::{Context, ensure};
 use cairn::job::Job;
 use cairn_core::geometry::contact::REAL_CONTACT;

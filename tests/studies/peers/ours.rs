@@ -1,11 +1,11 @@
 //! Cairn, and what it has to be better than: the same program with less.
 
-use crate::export::peer_body;
+use crate::cpu::{Cpu, simulation};
 use crate::format::{PeerRun, PeerScene};
 use crate::pile::{self, Full};
+use crate::shapes::peer_body;
 use anyhow::Context;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::{Observer, Progress, Stage};
 use cairn_core::input::params::{ControlMode, GlueMode, Params, Switch};
 use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::{Bake, BakedBody};
@@ -17,7 +17,6 @@ use glam::DVec3;
 use rand::SeedableRng;
 use rand::seq::index;
 use std::collections::BTreeSet;
-use std::ops::ControlFlow;
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Variant {
@@ -81,12 +80,11 @@ pub fn bake(full: &Full, scene: &PeerScene, variant: Variant) -> anyhow::Result<
         Variant::Random => at_random(full, scene, &params)?,
         _ => {
             let Bake { pile, report } = release(full, &params)?;
-            let spent = [Stage::Glue, Stage::Release, Stage::Hold].iter().filter_map(|stage| report.seconds.get(stage));
             let shapes = pile::shapes(&full.job)?;
             let last = pile.frames.last().context("a bake has frames")?;
             let body = |(b, pose): (&BakedBody, &Pose)| shapes[b.prop].body_pose(pose, b.scale);
             let poses: Vec<_> = pile.bodies.iter().zip(last).map(body).collect();
-            (spent.sum(), poses, report.counts.get(&Count::ResistedBodySteps).copied().unwrap_or_default())
+            (simulation(&report), poses, report.counts.get(&Count::ResistedBodySteps).copied().unwrap_or_default())
         }
     };
     let bodies = scene.bodies.iter().zip(&poses).map(|(b, pose)| peer_body(&scene.shapes, b.shape, pose)).collect();
@@ -98,6 +96,7 @@ pub fn bake(full: &Full, scene: &PeerScene, variant: Variant) -> anyhow::Result<
         resisted_steps: Some(resisted_steps as f64 / scene.bodies.len().max(1) as f64),
         seconds: f64::from(scene.frames) / scene.fps,
         bodies,
+        motion: Vec::new(),
     })
 }
 
@@ -124,17 +123,4 @@ fn at_random(full: &Full, scene: &PeerScene, params: &Params) -> anyhow::Result<
     let world = &sim.pile.world;
     let poses = (0..world.bodies().len()).map(|id| world.units.pose_to_si(&world.pose(id)));
     Ok((begin.elapsed().as_secs_f64(), poses.collect(), world.counters.resisted_body_steps))
-}
-
-/// Counts CPU time and cancels nothing.
-struct Cpu;
-
-impl Observer for Cpu {
-    fn progress(&mut self, _: &Progress) -> ControlFlow<()> {
-        ControlFlow::Continue(())
-    }
-
-    fn cpu_seconds(&mut self) -> f64 {
-        ProcessTime::now().as_duration().as_secs_f64()
-    }
 }

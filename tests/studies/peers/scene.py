@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,10 @@ class Scene:
     fps: float
     shapes: list
     bodies: list
+    launched: list = field(default_factory=list)
+    scenery: list = field(default_factory=list)
+    exact: bool = False
+    """No damping, and the poses of every frame are kept."""
 
     @property
     def seconds(self):
@@ -33,7 +37,7 @@ class Scene:
 
 def read(path):
     content = json.loads(Path(path).read_text())
-    return Scene(**{name: content[name] for name in Scene.__dataclass_fields__})
+    return Scene(**{name: content[name] for name in Scene.__dataclass_fields__ if name in content})
 
 
 def arguments(description):
@@ -49,20 +53,37 @@ def arguments(description):
     return parser, given
 
 
-def simulate(step, scene, hz, limit):
-    """Steps to the scene's end, or as far as the limit lets it. CPU seconds of all threads, and simulated seconds."""
-    steps, done = round(scene.seconds * hz), 0
-    begin = time.process_time()
-    while done < steps and time.process_time() - begin < limit:
-        step()
-        done += 1
-    return time.process_time() - begin, done / hz
+def simulate(step, scene, hz, limit, poses):
+    """Steps to the scene's end, or as far as the limit lets it. CPU seconds of all threads, simulated seconds, and the
+    motion, where it is asked for. `poses` gives positions and rotations of all bodies; to read them does not count."""
+    steps, per_frame = round(scene.seconds * hz), round(hz / scene.fps)
+    assert not scene.exact or per_frame * scene.fps == hz, "frames need whole steps"
+    motion = [frame_of(*poses())] if scene.exact else []
+    cpu, done = 0.0, 0
+    while done < steps and cpu < limit:
+        begin = time.process_time()
+        pause = done + per_frame if scene.exact else steps
+        while done < pause and cpu + time.process_time() - begin < limit:
+            step()
+            done += 1
+        cpu += time.process_time() - begin
+        if scene.exact:
+            motion.append(frame_of(*poses()))
+    return cpu, done / hz, motion
+
+
+def finite(values):
+    return np.nan_to_num(np.asarray(values, float), nan=AWAY, posinf=AWAY, neginf=-AWAY)
+
+
+def frame_of(positions, rotations):
+    """Position and rotation of each body at one frame."""
+    return np.hstack([finite(positions), finite(rotations)]).tolist()
 
 
 def write(scene, arguments, engine, cpu, seconds, positions, rotations, **more):
     """Shape `[body][3]`, `[body][4]`. What an engine no longer knows is far away."""
-    known = [np.nan_to_num(np.asarray(values, float), nan=AWAY, posinf=AWAY) for values in (positions, rotations)]
-    placed = zip(scene.bodies, *(values.tolist() for values in known))
+    placed = zip(scene.bodies, finite(positions).tolist(), finite(rotations).tolist())
     bodies = [{"shape": body["shape"], "position": at, "rotation": turned} for body, at, turned in placed]
     result = {"engine": engine, "settings": arguments.settings, "cpu": cpu, "seconds": seconds, "bodies": bodies}
     Path(arguments.out).write_text(json.dumps(result | more))

@@ -1,8 +1,8 @@
 //! Jolt with its default settings, but for the velocity iterations; on the caller's thread alone. Friction of a pair:
 //! the root of the product. Its C interface takes no inertia: that of the shape counts, with a density that gives the
-//! mass.
+//! mass. In problems with a known answer, nothing damps, corners are sharp, and gyroscopic forces are on.
 
-use crate::format::{PeerScene, PeerShape, PeerSolid};
+use crate::format::{PeerBody, PeerScene, PeerScenery, PeerShape, PeerSolid};
 use crate::{Engine, Pace};
 use anyhow::{anyhow, ensure};
 use joltc_sys::*;
@@ -75,13 +75,13 @@ fn made(make: impl FnOnce(&mut *mut JPC_Shape, &mut *mut JPC_String) -> bool) ->
     }
 }
 
-fn block(half: [f64; 3], density: f32) -> anyhow::Result<*mut JPC_Shape> {
+fn block(half: [f64; 3], density: f32, sharp: bool) -> anyhow::Result<*mut JPC_Shape> {
     let usual = JPC_BoxShapeSettings::default();
     let least = half.iter().fold(f64::INFINITY, |a, &b| a.min(b)) as f32;
     let settings = JPC_BoxShapeSettings {
         HalfExtent: vector(half),
         Density: density,
-        ConvexRadius: usual.ConvexRadius.min(least / 2.0),
+        ConvexRadius: if sharp { 0.0 } else { usual.ConvexRadius.min(least / 2.0) },
         ..usual
     };
     // SAFETY: it reads the settings and writes the two.
@@ -89,20 +89,28 @@ fn block(half: [f64; 3], density: f32) -> anyhow::Result<*mut JPC_Shape> {
 }
 
 /// The shape of a body whose parts have this density.
-fn solid(shape: &PeerShape, density: f32) -> anyhow::Result<*mut JPC_Shape> {
+fn solid(shape: &PeerShape, density: f32, sharp: bool) -> anyhow::Result<*mut JPC_Shape> {
     let parts = match &shape.solid {
-        PeerSolid::Box(half) => return block(*half, density),
+        PeerSolid::Box(half) => return block(*half, density, sharp),
+        PeerSolid::Ball(radius) => {
+            let settings = JPC_SphereShapeSettings { Radius: *radius as f32, Density: density, ..Default::default() };
+            // SAFETY: it reads the settings and writes the two.
+            return made(|shape, fault| unsafe { JPC_SphereShapeSettings_Create(&settings, shape, fault) });
+        }
         PeerSolid::Hulls(parts) => parts,
     };
     let mut hulls = Vec::new();
     for part in parts {
         let points: Vec<JPC_Vec3> = part.iter().map(|&p| vector(p)).collect();
-        let settings = JPC_ConvexHullShapeSettings {
+        let mut settings = JPC_ConvexHullShapeSettings {
             Points: points.as_ptr(),
             PointsLen: points.len(),
             Density: density,
             ..Default::default()
         };
+        if sharp {
+            settings.MaxConvexRadius = 0.0;
+        }
         // SAFETY: the points outlive the call.
         let hull = made(|shape, fault| unsafe { JPC_ConvexHullShapeSettings_Create(&settings, shape, fault) })?;
         hulls.push(JPC_SubShapeSettings { Shape: hull, ..Default::default() });
@@ -117,6 +125,7 @@ fn solid(shape: &PeerShape, density: f32) -> anyhow::Result<*mut JPC_Shape> {
 fn density(shape: &PeerShape) -> anyhow::Result<f32> {
     let volume: f64 = match &shape.solid {
         PeerSolid::Box(half) => 8.0 * half.iter().product::<f64>(),
+        PeerSolid::Ball(radius) => 4.0 / 3.0 * std::f64::consts::PI * radius.powi(3),
         PeerSolid::Hulls(parts) => parts.iter().map(|part| rapier_volume(part)).sum(),
     };
     ensure!(volume > 0.0, "a shape without volume");
@@ -147,26 +156,53 @@ impl Jolt {
             MotionType: JPC_MOTION_TYPE_STATIC,
             ObjectLayer: STILL,
             Friction: scene.friction as f32,
-            Shape: block([GROUND.0, GROUND.1, GROUND.0].map(f64::from), 1.0)?,
+            Shape: block([GROUND.0, GROUND.1, GROUND.0].map(f64::from), 1.0, scene.exact)?,
             ..Default::default()
         };
         add(&still, JPC_ACTIVATION_DONT_ACTIVATE);
-        let solids = scene.shapes.iter().map(|s| solid(s, density(s)?)).collect::<anyhow::Result<Vec<_>>>()?;
-        let body = |body: &crate::PeerBody| {
+        let solids =
+            scene.shapes.iter().map(|s| solid(s, density(s)?, scene.exact)).collect::<anyhow::Result<Vec<_>>>()?;
+        let placed = |body: &PeerBody| {
             let [x, y, z, w] = body.rotation.map(|x| x as f32);
-            let settings = JPC_BodyCreationSettings {
+            JPC_BodyCreationSettings {
                 Position: vector(body.position),
                 Rotation: JPC_Quat { x, y, z, w },
-                MotionType: JPC_MOTION_TYPE_DYNAMIC,
-                ObjectLayer: MOVING,
                 Friction: scene.friction as f32,
-                NumVelocityStepsOverride: pace.iterations,
                 Shape: solids[body.shape],
                 ..Default::default()
+            }
+        };
+        for PeerScenery { place, velocity } in &scene.scenery {
+            let (kind, layer) = match velocity {
+                [0.0, 0.0, 0.0] => (JPC_MOTION_TYPE_STATIC, STILL),
+                _ => (JPC_MOTION_TYPE_KINEMATIC, MOVING),
             };
+            let settings = JPC_BodyCreationSettings {
+                MotionType: kind,
+                ObjectLayer: layer,
+                LinearVelocity: vector(*velocity),
+                ..placed(place)
+            };
+            add(&settings, JPC_ACTIVATION_ACTIVATE);
+        }
+        let body = |(id, body): (usize, &PeerBody)| {
+            let mut settings = JPC_BodyCreationSettings {
+                MotionType: JPC_MOTION_TYPE_DYNAMIC,
+                ObjectLayer: MOVING,
+                NumVelocityStepsOverride: pace.iterations,
+                ..placed(body)
+            };
+            if let Some(launch) = scene.launched.iter().find(|launch| launch.body == id) {
+                settings.LinearVelocity = vector(launch.velocity);
+                settings.AngularVelocity = vector(launch.angular_velocity);
+            }
+            if scene.exact {
+                (settings.LinearDamping, settings.AngularDamping) = (0.0, 0.0);
+                settings.ApplyGyroscopicForce = true;
+            }
             add(&settings, JPC_ACTIVATION_ACTIVATE)
         };
-        let bodies = scene.bodies.iter().map(body).collect();
+        let bodies = scene.bodies.iter().enumerate().map(body).collect();
         system.optimize_broad_phase();
         // SAFETY: they live as long as the process.
         let (scratch, jobs) = unsafe {

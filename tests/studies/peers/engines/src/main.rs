@@ -10,7 +10,7 @@ mod format;
 mod jolt;
 mod rapier;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Parser;
 use cpu_time::ProcessTime;
 use format::{PeerBody, PeerRun, PeerScene};
@@ -72,15 +72,34 @@ fn main() -> anyhow::Result<()> {
         Name::Jolt => ("Jolt 5.0.0", Box::new(jolt::Jolt::new(&scene, &pace)?)),
     };
     let steps = (f64::from(scene.frames) / scene.fps * args.hz).round() as u32;
-    let (begin, mut done) = (ProcessTime::now(), 0);
-    while done < steps && begin.elapsed().as_secs_f64() < args.limit {
-        engine.step();
-        done += 1;
+    let per_frame = (args.hz / scene.fps).round() as u32;
+    ensure!(!scene.exact || f64::from(per_frame) * scene.fps == args.hz, "frames need whole steps");
+    let poses = |engine: &dyn Engine| {
+        let pose = |id: usize| {
+            let ([x, y, z], [i, j, k, w]) = engine.pose(id);
+            [x, y, z, i, j, k, w]
+        };
+        (0..scene.bodies.len()).map(pose).collect::<Vec<_>>()
+    };
+    let mut motion = if scene.exact { vec![poses(&*engine)] } else { Vec::new() };
+    let (mut cpu, mut done) = (0.0, 0);
+    while done < steps && cpu < args.limit {
+        // Reading poses does not count.
+        let begin = ProcessTime::now();
+        let pause = if scene.exact { done + per_frame } else { steps };
+        while done < pause && cpu + begin.elapsed().as_secs_f64() < args.limit {
+            engine.step();
+            done += 1;
+        }
+        cpu += begin.elapsed().as_secs_f64();
+        if scene.exact {
+            motion.push(poses(&*engine));
+        }
     }
-    let cpu = begin.elapsed().as_secs_f64();
-    let at_end = |(id, body): (usize, &PeerBody)| {
-        let (position, rotation) = engine.pose(id);
-        PeerBody { shape: body.shape, position, rotation }
+    let at_end = |(body, &[x, y, z, i, j, k, w]): (&PeerBody, &[f64; 7])| PeerBody {
+        shape: body.shape,
+        position: [x, y, z],
+        rotation: [i, j, k, w],
     };
     let run = PeerRun {
         engine: name.into(),
@@ -89,7 +108,8 @@ fn main() -> anyhow::Result<()> {
         keyframes_cpu: None,
         resisted_steps: None,
         seconds: f64::from(done) / args.hz,
-        bodies: scene.bodies.iter().enumerate().map(at_end).collect(),
+        bodies: scene.bodies.iter().zip(&poses(&*engine)).map(at_end).collect(),
+        motion,
     };
     std::fs::write(&args.out, serde_json::to_vec(&run)?).with_context(|| args.out.display().to_string())
 }
