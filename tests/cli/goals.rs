@@ -62,7 +62,8 @@ fn an_overlap_that_is_not_kept_is_baked_again() {
     let desk = Desk::new();
     desk.write("crossed.toml", CROSSED);
     let done = desk.line("bake crossed.toml --frames 2 -o pile.glb --report report.json --overlap 1mm");
-    for text in ["meshes overlap by up to", "accuracy reference, expected", "more than 1.0 mm, at the highest accuracy"] {
+    for text in ["meshes overlap by up to", "accuracy reference, expected", "more than 1.0 mm, at the highest accuracy"]
+    {
         assert!(done.stderr.contains(text), "{}", done.stderr);
     }
     done.ok();

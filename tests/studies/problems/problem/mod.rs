@@ -111,12 +111,6 @@ pub fn of(name: &str) -> Option<&'static Problem> {
     PROBLEMS.iter().find(|problem| problem.name == name)
 }
 
-/// Friction is solved for each contact point as if it stopped the slip, and then cut to its limit. Its direction is
-/// then the slip's, turned by the point's effective mass: by 20 degrees at the corners of a cube, whose friction is 6 %
-/// too weak for that.
-const FRICTION: &str = "the engine's friction by contact point, `physics.friction_model = \"coulomb\"`, is too weak \
-                        where a body slides: at its corners, friction does not point against the motion";
-
 pub const PROBLEMS: &[Problem] = &[
     Problem {
         name: "slide",
@@ -128,7 +122,7 @@ pub const PROBLEMS: &[Problem] = &[
         seconds: 1.0,
         least: 0.02,
         seen: 10.0,
-        fault: Some(FRICTION),
+        fault: None,
         stands: false,
         ask: Ask::Error {
             scene: || edges::on_slope(0.5, SLIDING, AZIMUTH),
@@ -366,7 +360,7 @@ pub const PROBLEMS: &[Problem] = &[
         seconds: 1.4,
         least: 0.02,
         seen: 5.0,
-        fault: Some(FRICTION),
+        fault: None,
         stands: false,
         ask: Ask::Error {
             scene: || places::on_conveyor(0.2),

@@ -115,7 +115,6 @@ impl Params {
             Accuracy::Fine => {
                 params.physics.substeps = 16;
                 params.physics.contact_frequency = 60.0;
-                params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.02;
                 params.physics.shape_gap = 0.01;
                 params.physics.max_parts = 24;
@@ -131,7 +130,6 @@ impl Params {
                 params.control.period = 12;
                 params.physics.substeps = 32;
                 params.physics.contact_frequency = 120.0;
-                params.physics.friction_model = FrictionModel::Coulomb;
                 params.physics.shape_tolerance = 0.01;
                 params.physics.shape_gap = 0.006;
                 params.physics.max_parts = 48;
