@@ -66,3 +66,33 @@ def test_units_of_the_scene(stack, addon):
 
 def test_nothing_selected(addon):
     assert not bpy.ops.cairn.analyze.poll()
+
+
+def test_pull_out(stack, addon):
+    bpy.context.scene.frame_set(10)
+    assert not bpy.ops.cairn.pull_out.poll(), "nothing is analyzed"
+    assert bpy.ops.cairn.analyze(shown="REMOVAL") == {"FINISHED"}
+    assert bpy.ops.cairn.pull_out() == {"FINISHED"}
+    assert stack["table"].animation_data is None, "it stands still"
+    scene = bpy.context.scene
+    before = {name: tuple(source.matrix_world.translation) for name, source in stack.items()}
+    assert before["board"] == pytest.approx((0.52, 0, 1.025), abs=0.01), "at the first frame, all is as it was"
+    assert before["block"] == pytest.approx((0.2, 0, 1.25), abs=0.01)
+    scene.frame_set(scene.frame_end)
+    after = {name: source.matrix_world for name, source in stack.items()}
+    assert after["board"].translation.z < 0.6, "nothing holds it down"
+    assert after["block"].translation.z == pytest.approx(0.2, abs=0.02) and after["block"].translation.x > 1.0
+    assert after["board"].to_scale() == pytest.approx(stack["board"].scale, rel=1e-4)
+    assert not bpy.ops.cairn.pull_out() == {"FINISHED"}, "what is animated is not pulled out again"
+
+
+@once
+def test_what_falls_is_marked(stack, addon):
+    bpy.data.objects.remove(stack["block"])
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert bpy.ops.cairn.make_it_stand() == {"FINISHED"}
+    (dot,) = bpy.data.collections[addon("apart").DOTS].objects
+    assert dot.name == "table – board" and dot["force_newton"] > 0
+    assert dot.location.z == pytest.approx(1.0, abs=0.01)
+    assert bpy.ops.cairn.make_it_stand() == {"FINISHED"}
+    assert len(bpy.data.collections[addon("apart").DOTS].objects) == 1, "not once more"
