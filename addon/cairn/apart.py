@@ -16,6 +16,8 @@ from .placed import is_animated
 
 # Objects that are made: one for each dot of glue.
 DOTS = "Needed Glue"
+# An object that moves less than this share of its size is not keyed.
+STILL = 0.005
 
 
 def scene(context, sources, written, index):
@@ -67,11 +69,14 @@ def play(context, sources, poses, frames):
     keyed = keyframes.needed(positions, rotations)
     for number, source in enumerate(sources):
         at = np.flatnonzero(keyed[:, number])
-        if len(at) < 2:
-            continue
         # What is left of the object's matrix without its frame: its scale.
-        place, turn, _ = frames[number].decompose()
-        rest = (Matrix.Translation(place) @ turn.to_matrix().to_4x4()).inverted() @ source.matrix_world
+        rest = frames[number].inverted() @ source.matrix_world
+        corners = np.array([rest @ Vector(corner) for corner in source.bound_box])
+        turned = axes.matrices(positions[:, number], rotations[:, number], np.ones(len(poses)))
+        places = np.einsum("fij,cj->fci", turned[:, :, :3], corners) + turned[:, None, :, 3]
+        # What only settles into its contacts stays as it is.
+        if len(at) < 2 or np.linalg.norm(places - places[0], axis=2).max() < STILL * max(source.dimensions):
+            continue
         own = source.parent.matrix_world @ source.matrix_parent_inverse if source.parent else Matrix()
         locations, turns = [], []
         for frame in at:
