@@ -11,7 +11,7 @@ use std::time::Duration;
 use tonic::{Code, Status};
 
 fn stack(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../examples/assets/stacks").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets/stacks").join(name)
 }
 
 /// Uploads a file, and asks about it.

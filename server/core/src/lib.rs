@@ -1,4 +1,4 @@
-//! Piles of props in the shape of a mesh: the method of Hsu & Keyser (2012), and its measures.
+//! Piles of props in the shape of a mesh: the method of Hsu & Keyser (2012), and its measures. Long: all meet here.
 //!
 //! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of
 //! the one before:

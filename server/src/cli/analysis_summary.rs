@@ -36,8 +36,8 @@ pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {
         lines.push(format!("needs {} of its friction", range(whole.friction, 3)));
         if let Some(knock) = &whole.knock_over {
             lines.push(format!(
-                "least push that brings it down: {:.2} of the weight of {} ({:.3} N) toward azimuth {:.0}; {} come down: \
-                 {}",
+                "least push that brings it down: {:.2} of the weight of {} ({:.3} N) toward azimuth {:.0}; {} come \
+                 down: {}",
                 knock.push[1],
                 name(&knock.body),
                 knock.force,

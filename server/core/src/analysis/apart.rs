@@ -43,8 +43,8 @@ pub struct Apart {
     pub programs: u64,
 }
 
-/// Looks at the removal of these bodies, in their order, and ends with the first that is safe where `until_safe`. `None`
-/// for a body that falls as it is.
+/// Looks at the removal of these bodies, in their order, and ends with the first that is safe where `until_safe`.
+/// `None` for a body that falls as it is.
 pub fn of_some(
     pile: &PileContacts,
     found: &Found,

@@ -1,9 +1,9 @@
 //! How far a pile stands under a horizontal load, in all directions.
 //!
-//! The set of horizontal loads under which a pile can stand is convex, since forces add up. So each program, which finds
-//! the limit in one direction, says something of all directions: what it stands is a corner of a polygon inside of which
-//! the pile stands, and its motion is a line beyond which it cannot. Programs are solved where the two are farthest
-//! apart.
+//! The set of horizontal loads under which a pile can stand is convex, since forces add up. So each program, which
+//! finds the limit in one direction, says something of all directions: what it stands is a corner of a polygon inside
+//! of which the pile stands, and its motion is a line beyond which it cannot. Programs are solved where the two are
+//! farthest apart.
 
 use super::{AZIMUTHS, own};
 use cairn_statics::limit::Limit;

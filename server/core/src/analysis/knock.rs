@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 const MOST: f64 = 50.0;
 /// Programs, times the number of bodies to the power 1.5: the time is about the same for any pile. Of a large one only
 /// the bodies that carry most are tried; where there would be fewer programs than the least, none.
-const WORK: f64 = 60_000.0;
+const WORK: f64 = 15_000.0;
 const LEAST_PROGRAMS: usize = 6;
 /// The directions that are asked first.
 const FIRST: [usize; 3] = [0, 5, 11];

@@ -1,8 +1,8 @@
 //! Taking apart: bodies leave the pile that rests, one after another, and each time the others come to rest again.
 //!
-//! Before a body leaves, statics says what becomes of the others ([`crate::analysis`]); what did become of them is found
-//! by simulation, and both are reported. A body that leaves is out of the world at once, so that it touches nothing. Its
-//! way is for the eye: out in the direction in which least is in its way, and set down beside the pile.
+//! Before a body leaves, statics says what becomes of the others ([`crate::analysis`]); what did become of them is
+//! found by simulation, and both are reported. A body that leaves is out of the world at once, so that it touches
+//! nothing. Its way is for the eye: out in the direction in which least is in its way, and set down beside the pile.
 
 use super::hold::{self, HoldOutcome};
 use crate::analysis::{AnalysisOptions, PileForecast, Removal, Touch, forecast};
@@ -79,10 +79,10 @@ pub fn run(
         }
         let from = apart.removed.len();
         match request.choice {
-            RemovalChoice::Named { prop, number } => {
+            RemovalChoice::Named { prop, number: of } => {
                 let ids = 0..sim.pile.instances.len();
                 let mut named = ids.filter(|&id| prop.is_none_or(|prop| sim.pile.instances[id].prop == prop));
-                match named.nth(number).filter(|&id| sim.pile.world.is_present(id)) {
+                match named.nth(of).filter(|&id| sim.pile.world.is_present(id)) {
                     Some(id) => held = apart.take(sim, &[id], false, held, observer)?.0,
                     None => apart.note(sim, number, "there is no such body in the pile, or it is gone"),
                 }
@@ -240,8 +240,11 @@ impl TakingApart<'_> {
             world.present().filter(|&other| other != id).map(|other| bounds(other, &world.pose(other))).collect();
         let pile_low = others.iter().map(|(low, _)| *low).fold(low, DVec3::min);
         let pile_high = others.iter().map(|(_, high)| *high).fold(high, DVec3::max);
-        let side = if pile.scene.statics.is_empty() { pile_high.x } else { pile_high.x.max(scenery_end(pile)) };
-        let beside = *self.beside.get_or_insert(side + BESIDE);
+        // On a table or a floor, at the height on which the pile stands.
+        let ground = self.ground.filter(|_| pile.scene.statics.is_empty());
+        let floor = ground.map_or(pile_low.y, |ground| units.height_to_engine(ground));
+        // What comes down from the top may go as far as it is high.
+        let beside = *self.beside.get_or_insert(pile_high.x + BESIDE.max(pile_high.y - floor));
         let wide = high - low;
         self.beside = Some(beside + wide.x + ROOM);
 
@@ -273,19 +276,15 @@ impl TakingApart<'_> {
         let outside = pose.translation + clear * out;
         let over = DVec3::new(outside.x, outside.y.max(pile_high.y + wide.y), outside.z);
         let slot = DVec3::new(beside + (pose.translation.x - low.x), over.y, (pile_low.z + pile_high.z) / 2.0);
-        let floor = self.ground.map_or(pile_low.y, |ground| units.height_to_engine(ground));
         let down = DVec3::new(slot.x, floor + (pose.translation.y - low.y), slot.z);
         let places = [pose.translation, outside, over, slot, down];
         let seconds = |from: DVec3, to: DVec3| (from.distance(to) / SPEED * units.time).max(1e-3);
-        let times = places.windows(2).map(|leg| seconds(leg[0], leg[1])).chain([0.0]);
-        Departure { begin: 0.0, rotation: pose.rotation, places: places.iter().copied().zip(times).collect() }
+        // It is there for two frames before the others count as at rest.
+        let stays = 2.0 / self.params.output.fps;
+        let times = places.windows(2).map(|leg| seconds(leg[0], leg[1])).chain([stays, 0.0]);
+        let places = places.into_iter().chain([down]).zip(times).collect();
+        Departure { begin: 0.0, rotation: pose.rotation, places }
     }
-}
-
-/// The end of the scenery along X, engine units.
-fn scenery_end(pile: &Pile) -> f64 {
-    let end = pile.scene.statics.iter().map(|model| model.model.mesh.bounds().1).reduce(DVec3::max);
-    end.map_or(f64::NEG_INFINITY, |end| pile.world.units.point_to_engine(end).x)
 }
 
 /// Poses of all bodies, from the props' own frames, m.

@@ -1,4 +1,5 @@
-//! Converts placed bodies, emitters, removals, several shapes and moving scenery from the wire. Defaults are already filled in.
+//! Converts placed bodies, emitters, removals, several shapes and moving scenery from the wire. Defaults are already
+//! filled in.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;
