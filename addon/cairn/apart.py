@@ -53,9 +53,7 @@ def bake(context, sources, index):
         folder = Path(folder)
         (folder / analysis.NAME).write_bytes(written.content)
         (folder / "scene.json").write_text(json.dumps(scene(context, sources, written, index)), encoding="utf-8")
-        analysis.run(
-            context, folder, ["bake", "scene.json", "-o", "motion.json", "--report", "report.json", "--quiet"]
-        )
+        analysis.run(context, folder, ["bake", "scene.json", "-o", "motion.json", "--report", "report.json", "--quiet"])
         motion = json.loads((folder / "motion.json").read_text(encoding="utf-8"))
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     return np.array(motion["frames"], float), report, written.frames

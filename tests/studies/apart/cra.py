@@ -4,9 +4,9 @@
 PYTHON tests/studies/apart/cra.py [CAIRN]
 
 PYTHON has compas_cra (`pip install compas_cra==0.8.0`). The examples are those of its documentation that have one
-density for all blocks, without those of curved blocks, for which it takes minutes. Prints a table: whether its solver for rigid blocks (RBE) and its coupled one (CRA) find an
-equilibrium, whether Cairn does, and CPU seconds of each: theirs with the finding of the interfaces, ours with the start
-of the program and all other figures.
+density for all blocks, without those of curved blocks, for which it takes minutes. Prints a table: whether its solver
+for rigid blocks (RBE) and its coupled one (CRA) find an equilibrium, whether Cairn does, and CPU seconds of each:
+theirs with the finding of the interfaces, ours with the start of the program and all other figures.
 """
 
 import contextlib
