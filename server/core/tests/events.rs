@@ -407,7 +407,7 @@ fn a_tower_is_taken_apart_from_the_top() {
     assert!(0.5 < last[2].translation.x && last[2].translation.x + 0.4 < last[1].translation.x);
     assert!(last[1].translation.x + 0.4 < last[0].translation.x);
     // Before it leaves, the forces of the contacts carry the weights above.
-    let weight = 0.4 * 0.2 * 0.2 * 1000.0 * 9.81;
+    let weight = 0.4 * 0.2 * 0.2 * 500.0 * 9.81;
     let down = |body: usize| {
         let of = removed[0].touches.iter().filter(|touch| touch.body == body && touch.other.is_none());
         of.map(|touch| touch.force[1]).sum::<f64>()
