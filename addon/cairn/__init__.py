@@ -8,6 +8,7 @@ from bpy.props import BoolProperty
 
 from . import (
     analysis,
+    apart,
     aside,
     edit_operators,
     estimates,
@@ -66,6 +67,7 @@ CLASSES = [
     *variant_panel.CLASSES,
     *report_panels.CLASSES,
     *analysis.CLASSES,
+    *apart.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
 ]

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -20,8 +21,12 @@ from .server import find
 
 # Figures on the objects that were analysed, and their color before.
 FIGURES, BEFORE = "cairn_analysis", "cairn_color_before"
-# Longest analysis, s.
+# On the scene: the dots of glue that are needed.
+GLUE = "cairn_needed_glue"
+# Longest run of the program, s.
 LONGEST = 300
+# The file that the objects are written to.
+NAME = "selection.glb"
 
 GREEN, YELLOW, ORANGE, RED = (0.03, 0.30, 0.08, 1), (0.85, 0.60, 0.05, 1), (0.80, 0.18, 0.02, 1), (0.60, 0.01, 0.01, 1)
 LOADS = [(0.06, 0.0, 0.09, 1), (0.04, 0.09, 0.26, 1), (0.02, 0.28, 0.26, 1), (0.12, 0.58, 0.12, 1), YELLOW]
@@ -57,66 +62,84 @@ def figures(source):
     return json.loads(text) if text else None
 
 
-def write(context, sources, scenery):
-    """The bytes of a .glb: a node for each object, named by its number, and scenery."""
+@dataclass
+class Written:
+    """Objects as the program reads them."""
+
+    # A .glb with a node for each body and each piece of scenery, named by its number.
+    content: bytes
+    scenery: int
+    # Per body: position in m and rotation x y z w, in the server's axes, and its own frame in Blender.
+    poses: list
+    frames: list
+
+
+def write(context, sources, scenery, *, posed=True):
+    """The objects as a file. `posed`: its bodies stand where they are; otherwise each lies in its own frame."""
     exporter = export.Exporter(context, passive=True)
     props = finish(exporter.props(sources))
     if exporter.problems:
         raise Fault(exporter.problems[0].text)
     still = [(source, model) for source, model in finish(exporter.scenery(scenery))] if scenery else []
-    meshes, nodes, known = [], [], {}
+    meshes, nodes, known, poses = [], [], {}, []
     for number, prop in enumerate(props):
         if prop.model.sha256 not in known:
             known[prop.model.sha256] = len(meshes)
             meshes.append((axes.points_to_server(prop.vertices, exporter.metres), prop.triangles))
         place, rotation, _ = prop.frame.decompose()
-        nodes.append(
-            {
-                "name": f"body {number}",
-                "mesh": known[prop.model.sha256],
-                "translation": axes.points_to_server(place, exporter.metres).tolist(),
-                "rotation": axes.rotations_to_server(rotation).tolist(),
-            }
-        )
+        position = axes.points_to_server(place, exporter.metres).tolist()
+        turn = axes.rotations_to_server(rotation).tolist()
+        poses.append((position, turn))
+        placed = {"translation": position, "rotation": turn} if posed else {}
+        nodes.append({"name": f"body {number}", "mesh": known[prop.model.sha256], **placed})
     for number, (source, _) in enumerate(still):
         with export.evaluated(context, [source], True) as geometry:
             vertices, triangles = export.joined(geometry(source), export.Matrix())
         nodes.append({"name": f"scenery {number}", "mesh": len(meshes)})
         meshes.append((axes.points_to_server(vertices, exporter.metres), triangles))
-    return glb.write_nodes(meshes, nodes), bool(still)
+    return Written(glb.write_nodes(meshes, nodes), len(still), poses, [prop.frame.copy() for prop in props])
+
+
+def run(context, folder, arguments):
+    """The program's output, run in a folder."""
+    program = find(bpy.path.abspath(preferences.of(context).program))
+    try:
+        done = subprocess.run(
+            [str(program), *arguments],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            errors="replace",
+            timeout=LONGEST,
+            creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+        )
+    except OSError as error:
+        raise Fault(f"{program} does not start: {error}. Choose another in the add-on's preferences.") from error
+    except subprocess.TimeoutExpired as error:
+        raise Fault("It takes too long. Select fewer objects.") from error
+    if done.returncode != 0:
+        raise Fault(done.stderr.strip().removeprefix("error: ").replace(NAME, "The selection"))
+    return done.stdout
+
+
+def scenery_of(context, sources):
+    """The scene's colliders, which stand still."""
+    return [source for source in request.colliders_of(context.scene.cairn) if source not in sources]
 
 
 def analyse(context, sources):
     """The answers of `cairn analyse` for these objects, with the scene's colliders as scenery."""
     settings = context.scene.cairn
-    scenery = [source for source in request.colliders_of(settings) if source not in sources]
-    content, has_scenery = write(context, sources, scenery)
-    program = find(bpy.path.abspath(preferences.of(context).program))
+    written = write(context, sources, scenery_of(context, sources))
     with tempfile.TemporaryDirectory(prefix="cairn-") as folder:
-        path = Path(folder) / "selection.glb"
-        path.write_bytes(content)
-        command = [str(program), "analyse", str(path), "--json", f"--friction={settings.collider_friction}"]
-        command += ["--scenery", "scenery *"] if has_scenery else []
-        command += [] if settings.use_ground else ["--no-ground"]
+        (Path(folder) / NAME).write_bytes(written.content)
+        arguments = ["analyse", NAME, "--json", f"--friction={settings.collider_friction}"]
+        arguments += ["--scenery", "scenery *"] if written.scenery else []
+        arguments += [] if settings.use_ground else ["--no-ground"]
         if settings.use_ground and settings.use_ground_height:
-            command.append(f"--ground={settings.ground_height * export.metres(context.scene)}")
-        try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                text=True,
-                encoding="utf-8",
-                errors="replace",
-                timeout=LONGEST,
-                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
-            )
-        except OSError as error:
-            raise Fault(f"{program} does not start: {error}. Choose another in the add-on's preferences.") from error
-        except subprocess.TimeoutExpired as error:
-            raise Fault("The analysis takes too long. Select fewer objects.") from error
-    if done.returncode != 0:
-        raise Fault(done.stderr.strip().removeprefix("error: ").replace(str(path), "The selection"))
-    return json.loads(done.stdout)
+            arguments.append(f"--ground={settings.ground_height * export.metres(context.scene)}")
+        return json.loads(run(context, folder, arguments))
 
 
 def keep(sources, answers):
@@ -130,6 +153,16 @@ def keep(sources, answers):
         if body["removal"]:
             body["removal"]["moving"] = [names[number] for number in body["removal"]["moving"]]
         source[FIGURES] = json.dumps(body)
+
+
+def dots(sources, answers):
+    """The dots of glue with which all stand, with names in place of numbers, and what no glue holds."""
+    name = [source.name for source in sources].__getitem__
+    needed = [
+        {**dot, "body": name(dot["body"]), "other": None if dot["other"] is None else name(dot["other"])}
+        for dot in answers["glue"]
+    ]
+    return {"dots": needed, "beyond": [name(number) for number in answers["beyond_glue"]]}
 
 
 def _between(scale, share):
@@ -180,6 +213,7 @@ class CAIRN_OT_analyze(Operator):
             answers = analyse(context, sources)
             clear(context.scene)
             keep(sources, answers)
+            context.scene[GLUE] = json.dumps(dots(sources, answers))
             paint(context.scene, self.shown)
             self.report({"INFO"}, summary(sources, answers))
             return {"FINISHED"}
@@ -203,6 +237,7 @@ def clear(scene):
             source.color = list(source[BEFORE])
             del source[BEFORE]
         del source[FIGURES]
+    scene.pop(GLUE, None)
 
 
 class CAIRN_OT_clear_analysis(Operator):
@@ -231,10 +266,13 @@ class CAIRN_PT_analysis(Pile, Panel):
         layout.operator_menu_enum("cairn.analyze", "shown", text="Analyze Selected", icon="VIEWZOOM")
         if not analysed(context.scene):
             return
-        layout.operator("cairn.clear_analysis", icon="X")
+        row = layout.row(align=True)
+        row.operator("cairn.make_it_stand", icon="LINKED")
+        row.operator("cairn.clear_analysis", icon="X")
         draw_shading(layout, context)
         body = figures(context.object) if context.object else None
         if body:
+            layout.operator("cairn.pull_out", icon="EXPORT")
             for line in lines(body):
                 wrapped(layout, context, line)
 

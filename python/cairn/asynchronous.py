@@ -14,7 +14,7 @@ from typing import Any
 
 from .request import Request, Scene, read
 from .v1.event_pb2 import Accepted, Progress, Summary
-from .v1.service_pb2 import BakeStatus, GetServerInfoResponse, PlanBakeResponse
+from .v1.service_pb2 import AnalysePileResponse, BakeStatus, GetServerInfoResponse, PlanBakeResponse
 from .wire import client
 from .wire.client import Connection, Fault, Target
 from .wire.messages import v1
@@ -101,6 +101,26 @@ class AsyncClient:
     def watch(self, bake_id: str, *, has_fill: bool = False) -> AsyncBake:
         """An earlier bake, from its first event on."""
         return AsyncBake(self._target, client.watch(_reach(self._target), bake_id, has_fill=has_fill), bake_id)
+
+    async def analyse(
+        self, pile: str | os.PathLike[str] = "", /, *, bake_id: str = "", timeout: float | None = None, **settings: Any
+    ) -> AnalysePileResponse:
+        """What holds what in a pile: `.bodies`, `.touches`, and the whole in `.pile`.
+
+        `pile`: a .glb, .usdz, or other file that names no files; or `bake_id`: a bake of the server that has succeeded,
+        as it lies in the end. `timeout`: longest time of the call, s. `settings`: further fields of
+        `AnalysePileRequest`, such as `scenery=["Table*"]` or `friction=0.5`.
+        """
+        asked: dict[str, Any] = {"bake_id": bake_id, **settings}
+        answers = AnalysePileResponse()
+        async with Connection(self._target) as server:
+            if pile:
+                content = Path(pile).read_bytes()
+                asked["assets"] = [v1.AssetReference(uri=Path(pile).name, sha256=client.digest(content))]
+                await server.upload({client.digest(content): content})
+            async for reply in server.stream("AnalysePile", timeout, **asked):
+                answers.MergeFrom(reply)
+        return answers
 
     async def cancel(self, bake_id: str) -> None:
         """Withdraws from a waiting or running bake, which ends at once if nobody else wants it."""

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from .asynchronous import AsyncBake, AsyncClient, Event
 from .request import Request, Scene
 from .v1.event_pb2 import Accepted, Summary
-from .v1.service_pb2 import BakeStatus, GetServerInfoResponse, PlanBakeResponse
+from .v1.service_pb2 import AnalysePileResponse, BakeStatus, GetServerInfoResponse, PlanBakeResponse
 from .wire.recording import Motion
 
 T = TypeVar("T")
@@ -79,6 +79,12 @@ class Client:
     def watch(self, bake_id: str, *, has_fill: bool = False) -> Bake:
         """An earlier bake, from its first event on."""
         return Bake(self._client.watch(bake_id, has_fill=has_fill))
+
+    def analyse(
+        self, pile: str | os.PathLike[str] = "", /, *, bake_id: str = "", timeout: float | None = None, **settings: Any
+    ) -> AnalysePileResponse:
+        """What holds what in a pile, like `AsyncClient.analyse`: `.bodies`, `.touches`, and the whole in `.pile`."""
+        return _wait(self._client.analyse(pile, bake_id=bake_id, timeout=timeout, **settings))
 
     def cancel(self, bake_id: str) -> None:
         """Withdraws from a waiting or running bake, which ends at once if nobody else wants it."""

@@ -2,10 +2,10 @@
 
 use crate::wire::proto::pile_service_client::PileServiceClient;
 use crate::wire::proto::{
-    Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, BakeStatus, CancelBakeRequest, DeleteBakeRequest,
-    DownloadResultRequest, DownloadResultResponse, FrameSelection, GetBakeRequest, GetServerInfoRequest,
-    HaveAssetsRequest, ListBakesRequest, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, WatchBakeRequest,
-    bake_event::Kind,
+    AnalysePileRequest, AnalysePileResponse, Artifact, AssetHeader, BakeEvent, BakeRequest, BakeSpec, BakeStatus,
+    CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, DownloadResultResponse, FrameSelection,
+    GetBakeRequest, GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest, PlanBakeRequest, PlanBakeResponse,
+    UploadAssetRequest, WatchBakeRequest, bake_event::Kind,
 };
 use crate::wire::versions::PROTOCOL;
 use bytes::Bytes;
@@ -240,6 +240,23 @@ impl Connection {
     /// The plan of a bake whose files are there.
     pub async fn plan(&mut self, spec: BakeSpec) -> Result<PlanBakeResponse, Status> {
         Ok(self.service.plan_bake(PlanBakeRequest { spec: Some(spec) }).await?.into_inner())
+    }
+
+    /// The messages of an analysis, to the end. `on_progress`: gets the finished share.
+    pub async fn analyse(
+        &mut self,
+        request: AnalysePileRequest,
+        mut on_progress: impl FnMut(f64),
+    ) -> Result<Vec<AnalysePileResponse>, Status> {
+        let mut messages = self.service.analyse_pile(request).await?.into_inner();
+        let mut parts = Vec::new();
+        while let Some(message) = messages.message().await? {
+            on_progress(message.fraction);
+            if message != (AnalysePileResponse { fraction: message.fraction, ..Default::default() }) {
+                parts.push(message);
+            }
+        }
+        Ok(parts)
     }
 
     /// The status of a bake.

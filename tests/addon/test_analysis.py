@@ -3,6 +3,7 @@
 import bpy
 import pytest
 from conftest import cuboid, once
+from mathutils import Vector
 
 
 @pytest.fixture
@@ -66,3 +67,39 @@ def test_units_of_the_scene(stack, addon):
 
 def test_nothing_selected(addon):
     assert not bpy.ops.cairn.analyze.poll()
+
+
+def middle(source):
+    """Where the middle of an object's box is."""
+    corners = [source.matrix_world @ Vector(corner) for corner in source.bound_box]
+    return sum(corners, Vector()) / 8
+
+
+def test_pull_out(stack, addon):
+    bpy.context.scene.frame_set(10)
+    assert not bpy.ops.cairn.pull_out.poll(), "nothing is analyzed"
+    assert bpy.ops.cairn.analyze(shown="REMOVAL") == {"FINISHED"}
+    assert bpy.ops.cairn.pull_out() == {"FINISHED"}
+    assert stack["table"].animation_data is None, "it stands still"
+    scene = bpy.context.scene
+    scene.frame_set(10)
+    assert tuple(middle(stack["board"])) == pytest.approx((0.52, 0, 1.025), abs=0.01), "all is as it was"
+    assert tuple(middle(stack["block"])) == pytest.approx((0.2, 0, 1.25), abs=0.01)
+    scene.frame_set(scene.frame_end)
+    assert middle(stack["board"]).z < 0.7, "nothing holds it down"
+    assert middle(stack["block"]).z == pytest.approx(0.2, abs=0.02) and middle(stack["block"]).x > 1.0
+    assert tuple(stack["board"].matrix_world.to_scale()) == pytest.approx((1, 1, 1), rel=1e-4)
+    with pytest.raises(RuntimeError, match="is animated"):
+        bpy.ops.cairn.pull_out()
+
+
+@once
+def test_what_falls_is_marked(stack, addon):
+    bpy.data.objects.remove(stack["block"])
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert bpy.ops.cairn.make_it_stand() == {"FINISHED"}
+    (dot,) = bpy.data.collections[addon("apart").DOTS].objects
+    assert dot.name == "table – board" and dot["force_newton"] > 0
+    assert dot.location.z == pytest.approx(1.0, abs=0.01)
+    assert bpy.ops.cairn.make_it_stand() == {"FINISHED"}
+    assert len(bpy.data.collections[addon("apart").DOTS].objects) == 1, "not once more"

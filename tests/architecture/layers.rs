@@ -15,9 +15,9 @@ const CORE: &[&[&str]] = &[
     &["prepare"],
     &["world"],
     &["sim"],
+    &["analysis"],
     &["stages"],
     &["report"],
-    &["analysis"],
 ];
 
 /// The layers inside `cairn_core::world`, lowest first. What the world's root file holds is for all of them.

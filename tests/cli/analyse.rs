@@ -59,10 +59,22 @@ fn a_tower_of_three() {
     let (tips, azimuth, first) = tilt(0.9);
     assert!((tips - 0.5f64.atan().to_degrees()).abs() < 0.1, "{tips}");
     assert_eq!((azimuth, first), (json!(90.0), json!([0, 1, 2])));
+    // A push at the middle one moves two of three: their contact below slides, and bears twice its weight.
+    let knock = &answers["whole"]["knock_over"];
+    assert_eq!((&knock["body"], &knock["comes_down"], &knock["tried"]), (&json!(1), &json!([1, 2]), &json!(3)));
+    let [stands, falls] = [0, 1].map(|k| number(&knock["push"][k]));
+    assert!(stands <= falls && (stands - 1.0).abs() < 0.01 && (falls - 1.0).abs() < 0.01, "{knock}");
+    assert!((number(&knock["force"]) - falls * weight).abs() < 1e-6 * weight);
     let colors = std::fs::read(desk.path("colors.glb")).unwrap();
     assert!(colors.starts_with(b"glTF"));
     desk.line("analyse colors.glb --friction 0.5").ok();
     assert!(std::fs::read(desk.path("a.png")).unwrap().starts_with(b"\x89PNG"));
+    desk.line("analyse tower.glb --friction 0.5 --graph a.svg").ok();
+    let drawn = std::fs::read_to_string(desk.path("a.svg")).unwrap();
+    let at = |name: &str| drawn.find(&format!(">{name}</text>")).unwrap_or_else(|| panic!("{drawn}"));
+    assert!(
+        at("low") < at("middle") && drawn.matches("<rect").count() == 4 && drawn.matches(" N</title>").count() == 6
+    );
     let graph = std::fs::read_to_string(desk.path("a.dot")).unwrap();
     assert!(graph.contains("b2 -> b1") && graph.contains("b1 -> b0") && graph.contains("b0 -> ground"), "{graph}");
 }

@@ -171,7 +171,7 @@ def test_both_clients_have_the_same_calls():
         assert list(ours.parameters) == list(theirs.parameters), name
 
 
-def test_what_holds_what(tmp_path):
+def test_what_holds_what(address):
     table = "assets/stacks/table.glb"
     answers = cairn.analyse(table, scenery=["table"])
     bodies = {body["name"]: body for body in answers["bodies"]}
@@ -180,3 +180,9 @@ def test_what_holds_what(tmp_path):
     assert cairn.analyse(table, scenery=["table"], without=["jug"])["stands"] is False
     with pytest.raises(cairn.Fault, match="no node has the name"):
         cairn.analyse(table, scenery=["chair"])
+    far = cairn.Client(address).analyse(table, scenery=["table"])
+    assert [body.name for body in far.bodies] == list(bodies) and far.pile.stands
+    assert [body.load for body in far.bodies] == [body["load"] for body in bodies.values()]
+    with pytest.raises(cairn.Fault) as refused:
+        cairn.Client(address).analyse(table, scenery=["chair"])
+    assert refused.value.reason == "SCENE_INVALID" and "no node has the name" in refused.value.problems[0].text

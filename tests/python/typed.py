@@ -8,6 +8,7 @@ def sync(client: cairn.Client) -> float:
     for event in bake:
         if isinstance(event, cairn.Snapshot):
             print(event.positions.shape)
+    assert client.analyse(bake_id=bake.id, friction=0.5).pile.stands
     assert bake.summary is not None
     return bake.summary.measures["volume_iou"]
 

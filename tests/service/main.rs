@@ -1,6 +1,7 @@
 //! The real server as callers use it: started on port 0, called over gRPC.
 
 mod access;
+mod analyses;
 mod assets;
 mod audit;
 mod bakes;

@@ -90,11 +90,11 @@ class Connection:
         with _faults(self.target):
             return await method(method.request_type(**fields), timeout=timeout, metadata=self.metadata)
 
-    async def stream(self, name, **fields):
+    async def stream(self, name, timeout=None, **fields):
         """One request, many replies."""
         method = self._method(UnaryStreamMethod, name)
         with _faults(self.target):
-            async with method.open(metadata=self.metadata) as stream:
+            async with method.open(timeout=timeout, metadata=self.metadata) as stream:
                 await stream.send_message(method.request_type(**fields), end=True)
                 async for reply in stream:
                     yield reply

@@ -1,4 +1,4 @@
-//! Piles of props in the shape of a mesh: the method of Hsu & Keyser (2012), and its measures.
+//! Piles of props in the shape of a mesh: the method of Hsu & Keyser (2012), and its measures. Long: all meet here.
 //!
 //! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of
 //! the one before:
@@ -12,7 +12,8 @@
 //! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
 //!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
 //!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`stages::hold`]): until the pile rests. Visible meshes may then be separated ([`stages::separate`]).
+//! 6. **Hold** ([`stages::hold`]): until the pile rests. Bodies may then be taken away ([`stages::taking_apart`]), and
+//!    visible meshes separated ([`stages::separate`]).
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness. A caller builds a [`Scene`] (the meshes),
@@ -71,8 +72,9 @@ use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
 use stages::separate::Separation;
+use stages::taking_apart::RemovedBody;
 use stages::turn_over::TurnOverInputs;
-use stages::{containers, fill, glue, hold, release, separate, turn_over};
+use stages::{containers, fill, glue, hold, release, separate, taking_apart, turn_over};
 use std::borrow::Cow;
 use world::Units;
 
@@ -253,6 +255,7 @@ pub struct Released<'a> {
     sim: Simulation<'a>,
     glued: Option<Glued>,
     held: HoldOutcome,
+    removed: Vec<RemovedBody>,
     separation: Option<Separation>,
     /// With every frame that was kept.
     pile: BakedPile,
@@ -301,13 +304,14 @@ pub fn release_pile<'a>(
 
     let held = hold::run(&mut sim, params, stands, observer)?;
     let ground = params.ground.then_some(full.checked.ground);
+    let (held, removed) = taking_apart::run(&mut sim, &scene.removals, params, ground, held, observer)?;
     let separation = resolved.is_on(EffectName::Separation);
     let separation = separation.then(|| separate::run(&mut sim.pile, held.at_rest, params, ground, observer));
     hold::finish(&mut sim, params, observer);
     clock.lap(Stage::Hold, observer);
 
     let pile = baked_pile(scene, params, full, &sim, glued.is_some())?;
-    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, separation, pile, clock })
+    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, removed, separation, pile, clock })
 }
 
 /// The frames of a pile, and its glue where `is_glued`.
@@ -368,6 +372,7 @@ impl Released<'_> {
             ground: full.checked.ground,
         };
         let mut report = report::make::report(&inputs, &mut self.sim, clock, observer)?;
+        report.removals = self.removed;
         if full.is_cached {
             report.recall_fill();
         }

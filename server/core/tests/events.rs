@@ -1,5 +1,5 @@
 //! Additions of a scene to its fill, end to end. Long: a scene for each of placed bodies, emitters, moving scenery,
-//! blows and the end of the control.
+//! blows, the end of the control, and bodies that are taken away.
 
 mod common;
 
@@ -7,8 +7,11 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
 use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
-use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, Scene, StaticModel};
+use cairn_core::input::scene::{
+    Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, RemovalChoice, RemovalRequest, Scene, StaticModel,
+};
 use cairn_core::report::bake::Bake;
+use cairn_core::stages::taking_apart::RemovedBody;
 use cairn_core::{Error, bake};
 use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
@@ -380,6 +383,85 @@ fn frames_show_how_the_control_treats_each_body() {
     let mut states = States::default();
     bake(&scene, &params, &mut states).unwrap();
     assert!(states.0.iter().flatten().all(|&state| state == State::Free));
+}
+
+/// A stack that is taken apart.
+fn taken_apart(bodies: Vec<PlacedBody>, choices: &[RemovalChoice]) -> Bake {
+    let removals = choices.iter().map(|&choice| RemovalRequest { choice, start: None }).collect();
+    baked(&Scene { removals, ..bricks(bodies) }, &params())
+}
+
+#[test]
+fn a_tower_is_taken_apart_from_the_top() {
+    let bake = taken_apart(tower(3), &[RemovalChoice::Order { most: 9 }]);
+    let removed = &bake.report.removals;
+    assert_eq!(removed.iter().map(|one| one.body).collect::<Vec<_>>(), [2, 1, 0]);
+    for one in removed {
+        let forecast = one.forecast.as_ref().unwrap();
+        assert!(forecast.is_safe && one.moved.is_empty() && one.at_rest, "{one:?}");
+        assert!(one.frame < one.rest_frame, "it takes its time: {} to {}", one.frame, one.rest_frame);
+    }
+    // On the ground beside the pile, one after the other.
+    let last = bake.pile.frames.last().unwrap();
+    assert!(last.iter().all(|pose| (pose.translation.y - 0.1).abs() < 0.01), "{last:?}");
+    assert!(0.5 < last[2].translation.x && last[2].translation.x + 0.4 < last[1].translation.x);
+    assert!(last[1].translation.x + 0.4 < last[0].translation.x);
+    // Before it leaves, the forces of the contacts carry the weights above.
+    let weight = 0.4 * 0.2 * 0.2 * 500.0 * 9.81;
+    let down = |body: usize| {
+        let of = removed[0].touches.iter().filter(|touch| touch.body == body && touch.other.is_none());
+        of.map(|touch| touch.force[1]).sum::<f64>()
+    };
+    assert!((down(0) - 3.0 * weight).abs() < 1e-3 * weight, "{}", down(0));
+    // In the middle of its way it is above all others.
+    let middle = &bake.pile.frames[(removed[1].frame + removed[1].rest_frame) / 2 - 2];
+    assert!(middle[1].translation.y > 0.3, "{middle:?}");
+}
+
+#[test]
+fn what_rests_on_a_removed_body_comes_down() {
+    let named = |number| RemovalChoice::Named { prop: Some(0), number };
+    let bake = taken_apart(tower(3), &[named(0), named(0), named(7)]);
+    let [one] = &bake.report.removals[..] else { panic!("one left") };
+    assert_eq!((one.body, &one.rest_on_it[..], &one.came_down[..]), (0, &[1, 2][..], &[1, 2][..]));
+    let forecast = one.forecast.as_ref().unwrap();
+    assert!(!forecast.is_safe && forecast.moving.contains(&1), "{forecast:?}");
+    assert!((one.after[2].translation.y - 0.3).abs() < 0.02, "one lower: {:?}", one.after[2]);
+    assert_eq!((one.before[2].translation.y * 10.0).round(), 5.0);
+    for number in [1, 2] {
+        let note = format!("remove.{number}: there is no such body");
+        assert!(bake.report.warnings.iter().any(|text| text.starts_with(&note)), "{:?}", bake.report.warnings);
+    }
+    // The order of chance is the same for the same seed; what is not safe may go first.
+    let chance = |most| taken_apart(tower(4), &[RemovalChoice::Any { most }]).report.removals;
+    let bodies = |removed: Vec<RemovedBody>| removed.iter().map(|one| one.body).collect::<Vec<_>>();
+    assert_eq!(bodies(chance(4))[..2], bodies(chance(2))[..]);
+}
+
+#[test]
+fn removals_wait_for_their_time_and_need_a_pile_without_glue() {
+    let choice = RemovalChoice::Safe { most: 1 };
+    let mut scene = bricks(tower(2));
+    scene.removals = vec![RemovalRequest { choice, start: Some(3.0) }];
+    let bake = baked(&scene, &params());
+    assert_eq!(bake.report.removals[0].frame, 72);
+    let mut glued = params();
+    glued.glue.mode = GlueMode::AsModelled;
+    scene.removals.push(RemovalRequest { choice: RemovalChoice::Any { most: 0 }, start: Some(-1.0) });
+    let Err(Error::Invalid(problems)) = cairn_core::bake(&scene, &glued, &mut Silent) else { panic!("it is glued") };
+    let fields: Vec<&str> = problems.iter().map(|problem| &*problem.field).collect();
+    assert_eq!(fields, ["glue.mode", "remove.1.start", "remove.1.count"]);
+    // Too few frames: said, not lost.
+    let mut short = params();
+    short.output.frames = Some(40);
+    scene.removals.pop();
+    let bake = baked(&scene, &short);
+    assert!(bake.report.removals.is_empty() && bake.pile.frames.len() == 41);
+    assert!(
+        bake.report.warnings.iter().any(|text| text.contains("before the last frame")),
+        "{:?}",
+        bake.report.warnings
+    );
 }
 
 #[test]

@@ -1,17 +1,15 @@
 //! `cairn analyse`: what holds what in a pile that stands.
 
 use super::bounds::Bounds;
+use super::remote::{self, ConnectionArgs};
 use super::{Failure, analysis_summary, interrupt, output, print, print_note};
 use crate::files::{Disk, FileSource};
-use crate::job::{InputFile, machine};
-use crate::model::analysis::{self, Figure, Selection};
-use crate::model::export;
+use crate::job::{self, InputFile, machine};
+use crate::model::analysis::{self, Figure, FoundPile, Selection};
 use crate::model::render::{RenderModel, Settings, render};
-use crate::problem::Problem;
-use cairn_core::analysis::AnalysisOptions;
+use cairn_core::analysis::{AnalysisOptions, PileAnalysis};
 use cairn_core::input::observer::{Observer, Progress};
 use cairn_gltf::Document;
-use std::borrow::Cow;
 use std::io::Cursor;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -31,7 +29,7 @@ Examples:
   cairn analyse room.glb --scenery Table --scenery 'Wall*' --friction 0.5
   cairn analyse pile.glb --json > pile.json
   cairn analyse pile.glb -o load.glb --picture load.png --show load
-  cairn analyse pile.glb --graph pile.dot
+  cairn analyse pile.glb --graph pile.svg
 
 Needs no closed meshes, and changes nothing. Glue of a result is left aside.")]
 pub struct Args {
@@ -95,9 +93,16 @@ pub struct Args {
     #[arg(long, value_name = "FIGURE", value_enum, default_value_t = Show::Removal)]
     show: Show,
 
-    /// Also write the graph of contacts, for Graphviz (.dot)
+    /// Also write the graph of contacts: .svg, a picture, or .dot, for Graphviz
     #[arg(long, value_name = "FILE")]
     graph: Option<PathBuf>,
+
+    /// Let a server analyse: HOST:PORT or unix:PATH of a `cairn serve`
+    #[arg(long, value_name = "ADDRESS", help_heading = "Server")]
+    server: Option<String>,
+
+    #[command(flatten)]
+    connection: ConnectionArgs,
 
     #[command(flatten)]
     bounds: Bounds,
@@ -161,12 +166,6 @@ fn analyse(args: &Args) -> Result<(), Failure> {
     machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
     let file = InputFile::read(&args.pile, &disk).map_err(Failure::input)?;
-    let bad = |what: String| {
-        let remedy = "Choose another file, or other nodes by --scenery and --without.";
-        Failure::input(Problem::new(&file.name, what, remedy))
-    };
-    let bytes = export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned).map_err(bad)?;
-    let document = Document::open(&bytes, &*file.resolve).map_err(|error| bad(error.to_string()))?;
     let selection = Selection {
         scenery: args.scenery.clone(),
         left_out: args.without.clone(),
@@ -177,12 +176,26 @@ fn analyse(args: &Args) -> Result<(), Failure> {
         seconds: args.time,
         most_triangles: args.bounds.limits().triangles,
     };
-    let pile = analysis::read(&document, &selection).map_err(|error| bad(error.to_string()))?;
+    job::analysis::with_pile(&file, &selection, |document, pile| show(args, &file, &selection, document, pile))
+        .map_err(Failure::input)?
+}
+
+/// Analyses the pile of a file, and writes and prints what is found.
+fn show(
+    args: &Args,
+    file: &InputFile,
+    selection: &Selection,
+    document: &Document,
+    pile: &FoundPile,
+) -> Result<(), Failure> {
     let options = AnalysisOptions { friction_share: args.safety, ..AnalysisOptions::default() };
-    let found = cairn_core::analyse(&pile.scene, &pile.params, &options, &mut Interruptible)?;
+    let found: PileAnalysis = match &args.server {
+        Some(server) => remote::analyse(&args.connection.at(server)?, file, selection, args.safety, pile.bodies.len())?,
+        None => cairn_core::analyse(&pile.scene, &pile.params, &options, &mut Interruptible)?,
+    };
     let internal = |error: &dyn std::fmt::Display| Failure::Internal(error.to_string());
     let glb = match args.output.is_some() || args.picture.is_some() {
-        true => Some(analysis::colored(&document, &pile, &found, args.show.into()).map_err(|error| internal(&error))?),
+        true => Some(analysis::colored(document, pile, &found, args.show.into()).map_err(|error| internal(&error))?),
         false => None,
     };
     let mut picture = Cursor::new(Vec::new());
@@ -199,12 +212,14 @@ fn analyse(args: &Args) -> Result<(), Failure> {
         };
         write(&args.output, glb.as_deref().unwrap_or_default())?;
         write(&args.picture, picture.get_ref())?;
-        write(&args.graph, analysis::dot(&pile, &found).as_bytes())?;
+        let is_svg = args.graph.as_ref().and_then(|path| path.extension()).is_some_and(|own| own == "svg");
+        let graph = if is_svg { analysis::svg(pile, &found) } else { analysis::dot(pile, &found) };
+        write(&args.graph, graph.as_bytes())?;
     }
     pile.notes.iter().for_each(|note| print_note(note));
     match args.json {
-        true => print(&format!("{:#}\n", analysis::to_json(&pile, &found, &options))),
-        false => print(&analysis_summary::text(&pile, &found, args.top)),
+        true => print(&format!("{:#}\n", analysis::to_json(pile, &found, &options))),
+        false => print(&analysis_summary::text(pile, &found, args.top)),
     }
 }
 

@@ -34,6 +34,18 @@ pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {
             names(&whole.goes_first)
         ));
         lines.push(format!("needs {} of its friction", range(whole.friction, 3)));
+        if let Some(knock) = &whole.knock_over {
+            lines.push(format!(
+                "least push that brings it down: {:.2} of the weight of {} ({:.3} N) toward azimuth {:.0}; {} come \
+                 down: {}",
+                knock.push[1],
+                name(&knock.body),
+                knock.force,
+                knock.azimuth,
+                knock.comes_down.len(),
+                names(&knock.comes_down)
+            ));
+        }
         if let Some(weakest) = &whole.weakest {
             lines.push(format!("weakest point: {}", name(weakest)));
         }

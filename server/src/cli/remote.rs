@@ -6,17 +6,19 @@ use super::{Failure, interrupt, output, print_done, print_warning, summary};
 use crate::client::{Connection, Downloaded, Target};
 use crate::files;
 use crate::job::{self, InputFile, PortableNames, Refused};
+use crate::model::analysis::Selection;
 use crate::model::export::{Encoded, Format, SIDECAR_FOLDER};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
-use crate::wire::from_proto;
 use crate::wire::proto::{
-    Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, Estimate, OutputFormat, Plan, Scene,
-    Summary, UsdLayout, bake_event::Kind,
+    AnalysePileRequest, Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, Estimate, OutputFormat,
+    Plan, Scene, Summary, UsdLayout, bake_event::Kind,
 };
 use crate::wire::to_proto::{self, NOTES_FIELD};
+use crate::wire::{analysis, from_proto};
 use bytes::Bytes;
+use cairn_core::analysis::PileAnalysis;
 use cairn_core::input::observer::Observer;
 use cairn_core::input::params::Accuracy;
 use cairn_core::prepare::estimate::Expected;
@@ -309,6 +311,44 @@ pub fn expectations(plan: &Plan) -> Vec<(String, Expected)> {
         ))
     };
     plan.estimates.iter().filter_map(of).collect()
+}
+
+/// `cairn analyse --server`: the answers about a pile of so many bodies, whose file was read. Ctrl-C ends the analysis.
+pub fn analyse(
+    target: &Target,
+    file: &InputFile,
+    selection: &Selection,
+    friction_share: f64,
+    bodies: usize,
+) -> Result<PileAnalysis, Failure> {
+    let names = PortableNames::new([Path::new(&file.name)].into_iter(), files::folder_of(Path::new(&file.name)));
+    let beside = file.read_so_far().into_iter();
+    let beside = beside.map(|(relative, bytes)| (names.beside(&file.name, &relative), Bytes::from(bytes)));
+    let all = std::iter::once((names.of(&file.name), Bytes::copy_from_slice(&file.bytes))).chain(beside);
+    let (mut assets, mut contents) = (Vec::new(), BTreeMap::new());
+    for (uri, bytes) in all {
+        let sha256 = hex(&Sha256::digest(&bytes));
+        assets.push(AssetReference { uri, sha256: sha256.clone() });
+        contents.insert(sha256, bytes);
+    }
+    let request = AnalysePileRequest {
+        bake_id: String::new(),
+        assets,
+        scenery: selection.scenery.clone(),
+        without: selection.left_out.clone(),
+        friction: selection.friction,
+        density: selection.density,
+        ground_height: selection.ground,
+        no_ground: selection.no_ground,
+        time_seconds: selection.seconds,
+        friction_share: Some(friction_share),
+    };
+    let parts = ask(target, async move |mut server| {
+        server.upload(&contents).await?;
+        server.analyse(request, |_| ()).await
+    })?;
+    let wrong = || Failure::Internal("the server's answers are not those about this file".into());
+    analysis::from_messages(&parts, bodies).ok_or_else(wrong)
 }
 
 /// `cairn watch`. Ctrl-C stops only the watching.

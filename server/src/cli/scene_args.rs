@@ -13,7 +13,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub struct SceneArgs {
     /// Scene file (.toml or .json), as written by `cairn scene`, or a result (.glb, .usdc, .usda, .usdz), which holds
     /// its scene; - is a scene file on the standard input. The flags below override it
@@ -93,6 +93,12 @@ fn from_stdin() -> Result<SceneTree, Failure> {
 const MOST_STDIN: u64 = 1 << 30;
 
 impl SceneArgs {
+    /// With one more field set, over all others.
+    pub fn with(&self, assignment: String) -> SceneArgs {
+        let set = self.set.iter().cloned().chain([assignment]).collect();
+        SceneArgs { set, ..self.clone() }
+    }
+
     /// The scene file, then the flags, then `--set`, each over what came before.
     pub fn tree(&self) -> Result<SceneTree, Failure> {
         let mut tree = match &self.scene {

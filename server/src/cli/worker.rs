@@ -3,6 +3,7 @@
 use super::Failure;
 use crate::job::machine;
 use crate::job::reuse::BakeCache;
+use crate::service::analysis;
 use crate::service::worker::{self, WorkerError};
 use std::path::PathBuf;
 
@@ -35,6 +36,7 @@ enum WorkerCommand {
     Accept,
     Bake,
     Export,
+    Analyse,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -53,6 +55,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         WorkerCommand::Export => {
             worker::export(&args.folder, args.format.as_deref().unwrap_or_default(), args.layout.as_deref())
         }
+        WorkerCommand::Analyse => analysis::analyse(&args.folder),
     };
     match result {
         Ok(()) => Ok(()),

@@ -1,5 +1,6 @@
 //! A scene with all its files read, and its bake, for the command line and the service.
 
+pub mod analysis;
 mod idle;
 pub mod machine;
 mod memory;

@@ -87,6 +87,7 @@ impl Job {
             extra.emitter(i, emitter, mesh)
         };
         let emitters = effective.emitters.iter().enumerate().map(emitter).collect();
+        let removals = effective.remove.iter().enumerate().map(|(i, removal)| extra.removal(i, removal)).collect();
         reader.problems.append(&mut extra.problems);
         let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
             let accuracy = proto::Accuracy::from(accuracy).into();
@@ -100,8 +101,16 @@ impl Job {
         let given = scene;
         // Earlier results come behind the scenery that the new one shows.
         let statics_and_around = static_models.into_iter().chain(around).collect();
-        let mut scene =
-            Scene { control, piles, region, props: prop_models, statics: statics_and_around, bodies, emitters };
+        let mut scene = Scene {
+            control,
+            piles,
+            region,
+            props: prop_models,
+            statics: statics_and_around,
+            bodies,
+            emitters,
+            removals,
+        };
         reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);

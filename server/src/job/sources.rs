@@ -159,6 +159,7 @@ pub struct InputFile {
     /// Of a file of USD.
     usd: Option<UsdInput>,
     source: Arc<dyn FileSource>,
+    beside: Arc<SidecarReader>,
 }
 
 /// A file of USD as glTF.
@@ -180,11 +181,12 @@ impl InputFile {
     ) -> Result<InputFile, Problem> {
         let bytes = source.read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let sidecars = SidecarReader { folder, source: source.clone(), read: Mutex::default() };
+        let beside = Arc::new(SidecarReader { folder, source: source.clone(), read: Mutex::default() });
+        let sidecars = beside.clone();
         let resolve = Box::new(move |relative: &str| sidecars.read(relative));
         let found = source.find(path).unwrap_or_else(|| path.to_owned());
         let name = path.display().to_string();
-        let mut file = InputFile { name, path: found, bytes, resolve, usd: None, source: source.clone() };
+        let mut file = InputFile { name, path: found, bytes, resolve, usd: None, source: source.clone(), beside };
         if let Some(parts) = parts.filter(|_| files::is_usd(&file.name)) {
             let parts: Vec<PartChoice> = parts.iter().cloned().collect();
             let stage = export::convert_usd(&file.bytes, &*file.resolve, &parts).map_err(|what| {
@@ -226,6 +228,11 @@ impl InputFile {
         let beside = self.sidecars().into_keys().filter_map(|relative| place(folder, &relative));
         let beside = beside.map(|path| self.source.find(&path).unwrap_or(path));
         std::iter::once(self.path.clone()).chain(beside).collect()
+    }
+
+    /// The files that were read of those that it names, by their paths from its folder.
+    pub fn read_so_far(&self) -> BTreeMap<String, Vec<u8>> {
+        self.beside.read.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// The files that it names and that are there, by their paths from its folder. Missing ones are left out, because

@@ -1,7 +1,8 @@
 //! The gRPC service: a server, its jobs, and a worker process for each bake.
 
-// The server's own process does not use `worker`: it decodes no model and runs no physics.
+// The server's own process does not use `analysis` and `worker`: it decodes no model and runs no physics.
 mod access;
+pub mod analysis;
 mod audit;
 mod calls;
 pub mod codec;

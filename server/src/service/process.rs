@@ -29,6 +29,8 @@ pub enum WorkerTask {
     Bake,
     /// A finished bake's result in a further format or layout.
     Export(ResultKind),
+    /// The analysis of a pile.
+    Analyse,
 }
 
 /// A running worker. Dropping it kills the process.
@@ -63,6 +65,7 @@ impl Worker {
             WorkerTask::Accept => "accept",
             WorkerTask::Bake => "bake",
             WorkerTask::Export(_) => "export",
+            WorkerTask::Analyse => "analyse",
         });
         command.arg(folder);
         if let WorkerTask::Export(kind) = task {

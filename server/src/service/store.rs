@@ -19,7 +19,7 @@ use crate::service::config::Config;
 use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
 use crate::service::worker_message::ResultHead;
 use crate::wire::digest::hex;
-use crate::wire::proto::{BakeSpec, BakeState, BakeStatus};
+use crate::wire::proto::{AnalysePileRequest, AssetReference, BakeSpec, BakeState, BakeStatus};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, TryLockError};
@@ -153,7 +153,7 @@ impl Store {
     pub fn prepare(&self, id: &str, spec: &BakeSpec, project: &str) -> Result<PathBuf> {
         self.remove(id)?;
         let folder = self.folder(id);
-        self.fill(&folder, spec, project)?;
+        self.fill(&folder, &spec.assets, spec, project)?;
         sync_folder(&self.root.join("bakes"))?;
         Ok(folder)
     }
@@ -191,14 +191,30 @@ impl Store {
     /// A temporary folder for a plan.
     pub fn prepare_plan(&self, spec: &BakeSpec, project: &str) -> Result<TempDir> {
         let folder = TempDir::new_in(self.root.join("partial"))?;
-        self.fill(folder.path(), spec, project)?;
+        self.fill(folder.path(), &spec.assets, spec, project)?;
         Ok(folder)
     }
 
-    fn fill(&self, folder: &Path, spec: &BakeSpec, project: &str) -> Result<()> {
+    /// Creates a folder for an analysis, with its request and those of its assets that the store has. `result`: a file
+    /// of a bake, which is its only asset. Dropping it deletes it.
+    pub fn prepare_analysis(
+        &self,
+        request: &AnalysePileRequest,
+        result: Option<&Path>,
+        project: &str,
+    ) -> Result<TempDir> {
+        let folder = TempDir::new_in(self.root.join("partial"))?;
+        self.fill(folder.path(), if result.is_some() { &[] } else { &request.assets }, request, project)?;
+        if let (Some(result), Some(asset)) = (result, request.assets.first()) {
+            fs::hard_link(result, folder.path().join(ASSETS).join(&asset.sha256))?;
+        }
+        Ok(folder)
+    }
+
+    fn fill(&self, folder: &Path, assets: &[AssetReference], request: &impl Message, project: &str) -> Result<()> {
         failpoints::at("store-folder")?;
         fs::create_dir_all(folder.join(ASSETS))?;
-        for asset in &spec.assets {
+        for asset in assets {
             let from = self.asset(&asset.sha256, project);
             failpoints::at("store-link")?;
             match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
@@ -208,7 +224,7 @@ impl Store {
                 Err(error) => return Err(error),
             }
         }
-        write_atomically(&folder.join(SPEC), &spec.encode_to_vec())
+        write_atomically(&folder.join(SPEC), &request.encode_to_vec())
     }
 
     pub fn write_status(&self, status: &BakeStatus) -> Result<()> {

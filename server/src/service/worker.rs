@@ -60,12 +60,12 @@ fn failed(error: JobError, notes: &[String]) -> WorkerError {
     invalid_fields(fields, false)
 }
 
-fn invalid(problems: &[Problem]) -> WorkerError {
+pub fn invalid(problems: &[Problem]) -> WorkerError {
     invalid_fields(problems.iter().map(to_proto::field_problem).collect(), false)
 }
 
 /// Keeps a readable number of problems: a scene may have 100,000.
-fn invalid_fields(mut problems: Vec<proto::FieldProblem>, only_missing: bool) -> WorkerError {
+pub fn invalid_fields(mut problems: Vec<proto::FieldProblem>, only_missing: bool) -> WorkerError {
     /// More than a status has room for.
     const MOST: usize = 100;
     let more = problems.len() > MOST;
@@ -206,7 +206,7 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
         .filter(|(_, asset)| !folder.join(ASSETS).join(&asset.sha256).is_file())
         .map(|(index, _)| index)
         .collect();
-    let uploads = Arc::new(Uploads::of(folder, &spec));
+    let uploads = Arc::new(Uploads::of(folder, &spec.assets));
     let Refused { problems, notes } = match Job::read_with(&scene, uploads, cairn_core::asset::Limits::default()) {
         Ok(job) if missing.is_empty() => return Ok((spec, job.referred_from(""))),
         Ok(_) => Refused { problems: Vec::new(), notes: Vec::new() },
@@ -225,16 +225,16 @@ fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
     Err(invalid_fields(wrong, only_missing))
 }
 
-const NOT_UPLOADED: &str = "the asset is not on the server";
+pub const NOT_UPLOADED: &str = "the asset is not on the server";
 
 /// The files of a request, by their uris, and no other files.
-struct Uploads(BTreeMap<PathBuf, PathBuf>);
+pub struct Uploads(BTreeMap<PathBuf, PathBuf>);
 
 impl Uploads {
-    fn of(folder: &Path, spec: &proto::BakeSpec) -> Uploads {
+    pub fn of(folder: &Path, assets: &[proto::AssetReference]) -> Uploads {
         let folder = folder.join(ASSETS);
         let uri = |asset: &proto::AssetReference| files::normalized(Path::new(&asset.uri));
-        Uploads(spec.assets.iter().map(|asset| (uri(asset), folder.join(&asset.sha256))).collect())
+        Uploads(assets.iter().map(|asset| (uri(asset), folder.join(&asset.sha256))).collect())
     }
 }
 

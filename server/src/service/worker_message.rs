@@ -6,7 +6,7 @@ use crate::wire::proto;
 /// A message on the wire.
 #[derive(Clone, PartialEq, prost::Message)]
 pub struct Envelope {
-    #[prost(oneof = "WorkerMessage", tags = "1, 2, 3, 4, 5, 6, 7, 8")]
+    #[prost(oneof = "WorkerMessage", tags = "1, 2, 3, 4, 5, 6, 7, 8, 9")]
     pub message: Option<WorkerMessage>,
 }
 
@@ -33,6 +33,9 @@ pub enum WorkerMessage {
     /// A result was made in a further format.
     #[prost(message, tag = "8")]
     Exported(ResultHead),
+    /// Progress or answers of an analysis.
+    #[prost(message, tag = "9")]
+    Analysed(proto::AnalysePileResponse),
 }
 
 /// The first messages of the downloads of a result and of its report, without their first bytes.

@@ -40,6 +40,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         region: scene.region.clone(),
         piles: scene.piles.clone(),
         around: scene.around.clone(),
+        remove: scene.remove.clone(),
         usd: scene.usd.as_ref().map(proto::UsdLayout::with_defaults),
         ..parameters::to_scene(params)
     };

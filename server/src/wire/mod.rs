@@ -1,5 +1,6 @@
 //! The messages of `cairn.v1`, and all conversion between them and the core's types.
 
+pub mod analysis;
 pub mod digest;
 pub mod effective;
 pub mod frame_delta;

@@ -8,7 +8,7 @@ use cairn_statics::removal::{Outcome, Removals};
 use std::ops::ControlFlow;
 
 /// What becomes of the others without a body.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Removal {
     /// They are proven to stand.
     pub is_safe: bool,
@@ -41,6 +41,36 @@ pub struct Apart {
     /// Ascending.
     pub stuck: Vec<usize>,
     pub programs: u64,
+}
+
+/// Looks at the removal of these bodies, in their order, and ends with the first that is safe where `until_safe`.
+/// `None` for a body that falls as it is.
+pub fn of_some(
+    pile: &PileContacts,
+    found: &Found,
+    bodies: &[usize],
+    until_safe: bool,
+    going: &mut Going,
+) -> Result<Vec<(usize, Option<Removal>)>, Error> {
+    let internal = |error: cairn_statics::global::GlobalProblemError| Error::Internal(error.to_string());
+    let mut removals = Removals::new(pile.problem(), found.forces.clone(), found.shares.clone());
+    (0..pile.bodies.len()).filter(|&body| found.falls[body]).for_each(|body| removals.take(body, &[]));
+    let mut answers = Vec::new();
+    for (number, &body) in bodies.iter().enumerate() {
+        let fraction = number as f64 / bodies.len() as f64;
+        going.on(fraction)?;
+        if found.falls[body] {
+            answers.push((body, None));
+            continue;
+        }
+        let removal = Removal::of(&removals.without(body, &mut || going.flow(fraction)).map_err(internal)?);
+        let is_last = until_safe && removal.is_safe;
+        answers.push((body, Some(removal)));
+        if is_last {
+            break;
+        }
+    }
+    Ok(answers)
 }
 
 /// Looks at each removal, then takes bodies away from the top, one after another.

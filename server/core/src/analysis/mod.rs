@@ -8,13 +8,17 @@
 //! - How far is a body from moving while its neighbours are held? ([`mod@own`])
 //! - Which body may be removed, what would move otherwise, and in which order do all come apart? ([`mod@apart`])
 //! - At which tilt, shake and friction does the whole go, and where? ([`mod@whole`])
+//! - Which push at one body brings it down? ([`mod@knock`])
 //! - Where is glue needed, if it does not stand? ([`mod@gluing`])
 //!
 //! No verdict rests on a solver's word: see [`cairn_statics::limit`] and [`cairn_statics::removal`]. What is not proven
 //! either way is said to be open.
 
 mod apart;
+mod forecast;
 mod gluing;
+mod horizon;
+mod knock;
 mod loads;
 mod own;
 mod problem;
@@ -22,7 +26,9 @@ mod standing;
 mod whole;
 
 pub use apart::Removal;
+pub use forecast::{PileForecast, forecast};
 pub use gluing::NeededDot;
+pub use knock::KnockOver;
 pub use problem::PileContacts;
 pub use whole::{TiltLimit, WholePile};
 
@@ -105,7 +111,7 @@ pub struct AnalysedBody {
 }
 
 /// Two that touch.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Touch {
     pub body: usize,
     /// The other body; `None`: the ground or scenery.
@@ -216,7 +222,7 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
     }
     let stands = !found.falls.contains(&true);
     let whole = match options.whole && found.falls.contains(&false) {
-        true => Some(whole::of(&pile, &found, &own, &bodies, &mut going)?),
+        true => Some(whole::of(&pile, &found, &own, &loads, &bodies, &mut going)?),
         false => None,
     };
     programs += whole.as_ref().map_or(0, |whole| whole.programs);

@@ -1,17 +1,15 @@
 //! The tilt, the shake and the friction at which the whole pile goes.
-//!
-//! The set of horizontal accelerations h under which a pile can stand is convex, since forces add up. So each program,
-//! which finds the limit in one direction, says something of all directions: what it stands is a corner of a polygon
-//! inside of which the pile stands, and its motion is a line beyond which it cannot. Programs are solved where the two
-//! are farthest apart, until they are near each other everywhere or the pile has had its share of programs.
 
+use super::horizon::Horizon;
+use super::knock::{self, KnockOver};
+use super::loads::Loads;
 use super::own::{self, Own};
 use super::standing::{Found, Part};
 use super::{AZIMUTHS, AnalysedBody, Going, PileContacts};
 use crate::error::Error;
-use cairn_statics::limit::{self, Load};
+use cairn_statics::limit;
 use cairn_statics::local::margin::SLACK;
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 
 /// Tilts are sought up to this tangent: 84 degrees.
 const MOST: f64 = own::MOST_PUSH;
@@ -53,52 +51,10 @@ pub struct WholePile {
     pub weakest: Option<usize>,
     /// The share of friction with which it cannot stand, and that with which it stands.
     pub friction: [f64; 2],
+    /// The least push at one body that brings it down; `None` where none was found.
+    pub knock_over: Option<KnockOver>,
     /// Cone programs solved.
     pub programs: u64,
-}
-
-/// What is known of tilts, as points (x, z) of accelerations.
-struct Horizon {
-    /// It cannot stand farther in this direction, since one body does not. Shape `[azimuth]`.
-    alone: [f64; AZIMUTHS],
-    /// It stands there.
-    inner: Vec<DVec2>,
-    /// `normal . h > distance`: it cannot stand there.
-    lines: Vec<(DVec2, f64)>,
-}
-
-impl Horizon {
-    /// How far it stands at least, and at most, along a direction.
-    fn along(&self, k: usize) -> (f64, f64) {
-        let way = planar(own::way(k).0);
-        let most = self.lines.iter().filter(|(normal, _)| normal.dot(way) > 1e-12);
-        let most = most.map(|(normal, distance)| (distance / normal.dot(way)).max(0.0)).fold(self.alone[k], f64::min);
-        // The ray leaves the triangles of the origin and two corners at the farthest.
-        let mut least: f64 = 0.0;
-        for (i, &a) in self.inner.iter().enumerate() {
-            for &b in &self.inner[i..] {
-                let cross = a.perp_dot(b);
-                if cross.abs() < 1e-15 {
-                    let along = a.dot(way).max(b.dot(way));
-                    if a.perp_dot(way).abs() < 1e-9 * a.length() {
-                        least = least.max(along);
-                    }
-                    continue;
-                }
-                // way * t = u a + v b with u, v >= 0 and u + v = 1.
-                let (u, v) = (way.perp_dot(b) / cross, a.perp_dot(way) / cross);
-                if u >= -1e-12 && v >= -1e-12 && u + v > 0.0 {
-                    least = least.max(1.0 / (u + v));
-                }
-            }
-        }
-        (least.min(most), most)
-    }
-}
-
-/// The horizontal part of a direction, as (x, z).
-fn planar(way: DVec3) -> DVec2 {
-    DVec2::new(way.x, way.z)
 }
 
 /// Looks for the limits of the bodies that stand.
@@ -106,13 +62,14 @@ pub fn of(
     pile: &PileContacts,
     found: &Found,
     own: &[Own],
+    loads: &Loads,
     bodies: &[AnalysedBody],
     going: &mut Going,
 ) -> Result<WholePile, Error> {
     let part = Part::new(pile, &found.falls, |_| 1.0);
     let dead = limit::weights(&part.part_bodies, DVec3::NEG_Y);
     let most_programs = (WORK / part.bodies.len().max(1)).clamp(LEAST_PROGRAMS, AZIMUTHS);
-    let mut horizon = Horizon { alone: [MOST; AZIMUTHS], inner: Vec::new(), lines: Vec::new() };
+    let mut horizon = Horizon::new(MOST);
     // A body that moves even while its neighbours are held bounds the whole.
     for (k, most) in horizon.alone.iter_mut().enumerate() {
         let pushes = part.bodies.iter().filter_map(|&body| own[body].pushes.get(k));
@@ -142,19 +99,10 @@ pub fn of(
         let way = own::way(k).0;
         let live = limit::shake(&part.part_bodies, 1.0, way);
         let limit = part.limit(&dead, &live, horizon.alone[k])?;
-        if let Some(stands) = limit.stands_to {
-            horizon.inner.push(stands * planar(way));
-        }
-        if limit.falls_from.is_finite() {
-            let work = |load: &[Load]| limit.work(&part.part_bodies, 1.0, load);
-            let across = |way: DVec3| work(&limit::shake(&part.part_bodies, 1.0, way));
-            let normal = DVec2::new(across(DVec3::X), across(DVec3::Z));
-            // As far from the origin as the certificate says, which has its tolerance in it.
-            horizon.lines.push((normal, limit.falls_from * normal.dot(planar(way))));
-            if limit.falls_from < least_found {
-                least_found = limit.falls_from;
-                goes_first = limit.moving().map(|body| pile.ids[part.bodies[body]]).collect();
-            }
+        horizon.learn(k, &limit, |way| limit.work(&part.part_bodies, 1.0, &limit::shake(&part.part_bodies, 1.0, way)));
+        if limit.falls_from.is_finite() && limit.falls_from < least_found {
+            least_found = limit.falls_from;
+            goes_first = limit.moving().map(|body| pile.ids[part.bodies[body]]).collect();
         }
     }
     let tilts: Vec<TiltLimit> = (0..AZIMUTHS)
@@ -170,6 +118,7 @@ pub fn of(
     let margin = |&id: &usize| bodies[id].least_push.unwrap_or(f64::INFINITY);
     let standing = part.bodies.iter().map(|&body| pile.ids[body]);
     let weakest = standing.min_by(|a, b| margin(a).total_cmp(&margin(b)).then(a.cmp(b)));
+    let (knock_over, pushed) = knock::of(pile, found, loads, going)?;
     let (friction, solved) = friction(pile, found, bodies, going)?;
     Ok(WholePile {
         tilt,
@@ -179,7 +128,8 @@ pub fn of(
         goes_first,
         weakest,
         friction,
-        programs: programs as u64 + solved,
+        knock_over: knock_over.map(|knock| knock.named(&pile.ids)),
+        programs: programs as u64 + solved + pushed,
     })
 }
 

@@ -22,6 +22,29 @@ pub struct Scene {
     /// Placed by hand.
     pub bodies: Vec<PlacedBody>,
     pub emitters: Vec<Emitter>,
+    /// Bodies that are taken away once the pile rests, in this order.
+    pub removals: Vec<RemovalRequest>,
+}
+
+/// Bodies that are taken away once the pile rests.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct RemovalRequest {
+    pub choice: RemovalChoice,
+    /// Not before this time, s after frame 0, and not before the pile rests; `None`: as soon as it rests.
+    pub start: Option<f64>,
+}
+
+/// Which bodies are taken away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+pub enum RemovalChoice {
+    /// One, by its number among the bodies of a prop, or among all.
+    Named { prop: Option<usize>, number: usize },
+    /// At most so many of those that are safe to remove at the beginning, from the top, while they still are.
+    Safe { most: usize },
+    /// At most so many, each the highest that is safe to remove at that moment.
+    Order { most: usize },
+    /// At most so many, drawn evenly from those that are there, whether safe or not.
+    Any { most: usize },
 }
 
 /// A named mesh.
@@ -282,6 +305,11 @@ impl Scene {
     /// Whether the control mesh is filled.
     pub fn is_filled(&self, params: &Params) -> bool {
         self.control.is_some() && params.fill.method.traits().fills
+    }
+
+    /// The largest load of a glue joint, as [`Params::glue_bound`]; a pile that is taken apart has no glue.
+    pub fn glue_bound(&self, params: &Params) -> f64 {
+        if self.removals.is_empty() { params.glue_bound(self.is_filled(params)) } else { 0.0 }
     }
 
     /// Whether anything may hit a held body, besides the bodies of the pile.

@@ -145,7 +145,7 @@ impl Workload {
             substeps: f64::from(params.physics.substeps),
             fill_cost_factor: params.accuracy.traits().fill_cost_factor,
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
-            glued: params.glue_bound(scene.is_filled(params)) > 0.0,
+            glued: scene.glue_bound(params) > 0.0,
             room,
             packing,
         }
@@ -195,7 +195,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
     };
     // A pile that the control holds to the end keeps its shape, glued or not.
     let held = params.control.mode != ControlMode::Off && params.control.stand == Switch::Off;
-    let bound = params.glue_bound(scene.is_filled(params));
+    let bound = scene.glue_bound(params);
     let kept = model::expected_kept_shape(bound);
     let joints_per_body = traits.glue_joints_factor * model::DOTS_PER_BODY;
     let all: f64 = checked.shares.iter().sum();

@@ -119,6 +119,7 @@ pub fn report(
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: own.stages,
         unsupported: support.bodies,
+        removals: Vec::new(),
         warnings: notes,
     })
 }

@@ -22,6 +22,7 @@ use crate::input::params::Params;
 use crate::prepare::effects::{Charge, Count};
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::ShapeFit;
+use crate::stages::taking_apart::RemovedBody;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -54,6 +55,9 @@ pub struct Report {
     /// The bodies behind `unsupported_fraction`, ascending.
     #[serde(default)]
     pub unsupported: Vec<usize>,
+    /// Bodies that were taken away, in their order.
+    #[serde(default)]
+    pub removals: Vec<RemovedBody>,
     /// The counts and the CPU time of each effect.
     pub bill: Vec<Charge>,
     /// One sentence each: repaired meshes, removed bodies, empty places, bodies not at rest.

@@ -1,5 +1,5 @@
-//! Events of a scene at given times: bodies appear, pinned bodies are released, scenery moves, the control ends. Called
-//! before each step of the release and the hold; times are those of the frames.
+//! Events of a scene at given times: bodies appear, are carried away, pinned bodies are released, scenery moves, the
+//! control ends. Called before each step of the release and the hold; times are those of the frames.
 
 use super::instance::{self, Instance};
 use super::pile::Pile;
@@ -10,7 +10,7 @@ use crate::geometry::pose::Pose;
 use crate::input::params::{Params, Switch};
 use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, Scene, StaticModel};
 use crate::world::{BodyId, MovingId, ReservedPlaces};
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -23,6 +23,8 @@ pub struct Events<'a> {
     pinned: Vec<(f64, BodyId)>,
     emissions: Vec<Emission<'a>>,
     moving: Vec<(MovingId, &'a StaticModel)>,
+    /// Bodies that are being carried away.
+    leaving: Vec<(BodyId, Departure)>,
     /// When the control ends, s, and whether it is withdrawn then, not ended at once.
     until: Option<(f64, bool)>,
     /// s after frame 0, at the end of the step to come.
@@ -31,6 +33,37 @@ pub struct Events<'a> {
     first_step: Option<u64>,
     /// Whether the scene has any events.
     has_any: bool,
+}
+
+/// The way of a body that is taken out of the world: it touches nothing on it.
+#[derive(Clone, Debug)]
+pub struct Departure {
+    /// s after frame 0.
+    pub begin: f64,
+    /// Its turn all the way, and its places, engine units, each with the time until the next, s. At least one.
+    pub rotation: DQuat,
+    pub places: Vec<(DVec3, f64)>,
+}
+
+impl Departure {
+    fn seconds(&self) -> f64 {
+        let legs = self.places.len().saturating_sub(1);
+        self.places[..legs].iter().map(|(_, seconds)| seconds).sum()
+    }
+
+    /// Each leg begins and ends gently.
+    fn pose_after(&self, mut seconds: f64) -> Pose {
+        for leg in self.places.windows(2) {
+            let [(from, time), (to, _)] = [leg[0], leg[1]];
+            if seconds < time {
+                let s = (seconds / time).clamp(0.0, 1.0);
+                return Pose { translation: from.lerp(to, s * s * (3.0 - 2.0 * s)), rotation: self.rotation };
+            }
+            seconds -= time;
+        }
+        let end = self.places.last().map_or(DVec3::ZERO, |(place, _)| *place);
+        Pose { translation: end, rotation: self.rotation }
+    }
 }
 
 /// An emitter at work.
@@ -79,6 +112,7 @@ impl<'a> Events<'a> {
             pinned,
             emissions: scene.emitters.iter().enumerate().map(emission).collect(),
             moving: Vec::new(),
+            leaving: Vec::new(),
             until: params.control.until.map(|time| (time, params.control.stand == Switch::On)),
             time: 0.0,
             first_step: (!waits).then_some(0),
@@ -116,6 +150,7 @@ impl<'a> Events<'a> {
         self.late.is_empty()
             && self.pinned.is_empty()
             && self.until.is_none()
+            && self.leaving.is_empty()
             && self.emissions.iter().all(Emission::is_over)
             && self.moving.iter().all(|(_, model)| at_end(model))
     }
@@ -132,6 +167,7 @@ impl<'a> Events<'a> {
         if pile.world.scenery_moves() {
             pile.latest_event = pile.step;
         }
+        self.carry(pile);
         let before = pile.instances.len();
         self.add_late(pile)?;
         for i in 0..self.emissions.len() {
@@ -151,6 +187,28 @@ impl<'a> Events<'a> {
             pile.end_control(withdraws);
         }
         Ok(())
+    }
+
+    /// Time at the end of the latest step, s after frame 0.
+    pub fn now(&self, pile: &Pile) -> f64 {
+        (pile.step - self.first_step()) as f64 * pile.world.step_length() * pile.world.units.time
+    }
+
+    /// A body leaves on a way that begins now.
+    pub fn take_away(&mut self, pile: &mut Pile<'a>, id: BodyId, way: Departure) {
+        self.has_any = true;
+        pile.recorder.carried.insert(id, way.pose_after(0.0));
+        self.leaving.push((id, Departure { begin: self.now(pile), ..way }));
+    }
+
+    /// Moves the bodies that are being carried away.
+    fn carry(&mut self, pile: &mut Pile<'a>) {
+        for (id, way) in &self.leaving {
+            pile.recorder.carried.insert(*id, way.pose_after(self.time - way.begin));
+            pile.latest_event = pile.step;
+        }
+        let time = self.time;
+        self.leaving.retain(|(_, way)| time - way.begin < way.seconds());
     }
 
     /// Adds the bodies placed by hand that are due.

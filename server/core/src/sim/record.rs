@@ -4,8 +4,9 @@
 
 use crate::geometry::pose::Pose;
 use crate::input::params::Params;
-use crate::world::{Role, Units, World};
+use crate::world::{BodyId, Role, Units, World};
 use glam::DVec3;
+use std::collections::BTreeMap;
 
 /// When frames are due, and whether they are kept.
 #[derive(Clone, Copy, Debug)]
@@ -55,12 +56,14 @@ pub struct Recorder {
     pub trimmed: usize,
     /// The frame at which the hold was first disturbed: by a body thrown in, or by the end of the control.
     pub disturbed_frame: Option<usize>,
+    /// Where bodies are that were taken out of the world.
+    pub carried: BTreeMap<BodyId, Pose>,
 }
 
 impl Recorder {
     /// Frame 0 is the world as it stands.
     pub fn new(world: &World, pace: Pace) -> Recorder {
-        let first = poses(world, &[]);
+        let first = poses(world, &[], &BTreeMap::new());
         Recorder {
             pace,
             waits: false,
@@ -73,6 +76,7 @@ impl Recorder {
             hold_frame: 0,
             trimmed: 0,
             disturbed_frame: None,
+            carried: BTreeMap::new(),
         }
     }
 
@@ -100,13 +104,13 @@ impl Recorder {
 
     /// Called when bodies were added since the last step.
     pub fn join(&mut self, world: &World) {
-        let now = poses(world, &self.last);
+        let now = poses(world, &self.last, &self.carried);
         self.last.extend_from_slice(&now[self.last.len()..]);
     }
 
     /// Called after every step.
     pub fn step(&mut self, world: &World) {
-        let now = poses(world, &self.last);
+        let now = poses(world, &self.last, &self.carried);
         if self.waits {
             self.last = now;
             return;
@@ -192,10 +196,10 @@ impl Recorder {
     }
 }
 
-/// A body that is gone stays where it was last seen.
-fn poses(world: &World, last: &[Pose]) -> Vec<Pose> {
+/// A body that is gone is where it is carried, or stays where it was last seen.
+fn poses(world: &World, last: &[Pose], carried: &BTreeMap<BodyId, Pose>) -> Vec<Pose> {
     let pose = |id: usize| match world.bodies()[id].role {
-        Role::Gone => last.get(id).copied().unwrap_or(Pose::IDENTITY),
+        Role::Gone => carried.get(&id).or(last.get(id)).copied().unwrap_or(Pose::IDENTITY),
         _ => {
             let pose = world.pose(id);
             // The same rotation has two quaternions: keep to the one nearer to the last frame.

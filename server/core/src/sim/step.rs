@@ -16,6 +16,7 @@
 //! body that is removed from the world gets its role there. Between steps, the stages of the bake release layers, and
 //! quiet or end the hold.
 
+pub use super::events::Departure;
 use super::events::Events;
 use super::frame_publisher::FramePublisher;
 use super::guard::Guard;
@@ -23,7 +24,7 @@ use super::pile::{Pile, REST_SPEED};
 use crate::error::Error;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::Params;
-use crate::world::Role;
+use crate::world::{BodyId, Role};
 use strum::VariantArray;
 
 /// The stages of a step, in their order: [`Simulation::advance`] takes them as they stand here.
@@ -122,6 +123,20 @@ impl<'a> Simulation<'a> {
     /// No event and no end of the control is to come.
     pub fn is_left_alone(&self) -> bool {
         !self.pile.withdrawal.is_under_way() && self.events.are_over()
+    }
+
+    /// Time so far, s after frame 0.
+    pub fn seconds_so_far(&self) -> f64 {
+        self.events.now(&self.pile)
+    }
+
+    /// Takes a body out of the world, from where it leaves on this way. The others are free to move.
+    pub fn take_away(&mut self, id: BodyId, way: Departure) {
+        self.pile.disturb();
+        self.pile.motion.expect_collapse();
+        self.pile.policy.set_quiet(0.0);
+        self.pile.world.remove(id);
+        self.events.take_away(&mut self.pile, id, way);
     }
 
     /// Shows the frames that were recorded since.

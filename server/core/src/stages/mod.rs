@@ -10,4 +10,5 @@ pub mod glue;
 pub mod hold;
 pub mod release;
 pub mod separate;
+pub mod taking_apart;
 pub mod turn_over;

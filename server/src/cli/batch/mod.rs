@@ -37,6 +37,7 @@ Examples:
   cairn batch pile.toml --seeds 0..9 --vary accuracy=draft,standard --vary props.0.weight=0.2,0.8 \\
         -o out/{seed}-{accuracy}-{weight}.glb
   cairn batch pile.toml --seeds 0..49 -o out/{seed}.glb --range 8-15     (a part of it, for array jobs)
+  cairn batch pile.toml --seeds 0..99 -o data/{seed}.glb --remove-sequences 5
 
 Variants that differ only after the fill, in fields of control, glue or output, share one fill. The exit code is the
 worst one of the bakes.")]
@@ -56,6 +57,11 @@ pub struct Args {
     /// them; the extension sets the format
     #[arg(short, long, value_name = "PATTERN")]
     output: String,
+
+    /// Take each pile apart once it rests, by this many bodies in an order drawn by its seed; the reports have each
+    /// state: poses, contacts with forces, the forecast, and what happened
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    remove_sequences: Option<u32>,
 
     /// Bake only these variants, counted from 0, both ends included: 8-15, or 8
     #[arg(long, value_name = "FIRST-LAST")]
@@ -96,7 +102,11 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
-    let scene = args.scene.tree()?;
+    let scene_args = match args.remove_sequences {
+        Some(count) => args.scene.with(format!("remove=[{{choice=\"any\",count={count}}}]")),
+        None => args.scene.clone(),
+    };
+    let scene = scene_args.tree()?;
     let matrix = Matrix { scene: &scene, seeds: args.seeds.as_ref(), vary: &args.vary, output: &args.output };
     let variants = part(matrix.variants().map_err(Failure::Usage)?, args.range)?;
     let hashes = request_hashes(&variants)?;
@@ -119,7 +129,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return print(&lines.collect::<String>());
     }
     check(args, &variants, &missing)?;
-    let ends = bake(args, &variants, &hashes, &missing)?;
+    let ends = bake(args, &scene_args, &variants, &hashes, &missing)?;
     report_outcomes(&variants, &finished, ends, args.json)
 }
 
@@ -203,11 +213,17 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
 /// The end of each missing variant; `None`: it was not started.
 type Ends = Vec<(usize, Option<BakeEnd>)>;
 
-fn bake(args: &Args, variants: &[Variant], hashes: &[RequestHashes], missing: &[usize]) -> Result<Ends, Failure> {
+fn bake(
+    args: &Args,
+    scene_args: &SceneArgs,
+    variants: &[Variant],
+    hashes: &[RequestHashes],
+    missing: &[usize],
+) -> Result<Ends, Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
     let threads = (cores / jobs.min(missing.len()).max(1)).max(1);
-    let mut common = args.scene.to_args();
+    let mut common = scene_args.to_args();
     common.extend(args.bounds.to_args());
     common.extend(args.cache.to_args());
     common.extend(["--threads".into(), threads.to_string().into()]);

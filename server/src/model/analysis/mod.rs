@@ -6,7 +6,7 @@ mod graph;
 
 pub use bodies::{FoundBody, FoundPile, Selection, read};
 pub use colors::{Figure, colored};
-pub use graph::dot;
+pub use graph::{dot, svg};
 
 use cairn_core::analysis::{AnalysisOptions, PileAnalysis};
 use serde_json::{Value, json};

@@ -16,12 +16,12 @@ use crate::service::status::Fault;
 use crate::wire::proto::created_bake::Outcome;
 use crate::wire::proto::pile_service_server::PileService;
 use crate::wire::proto::{
-    Artifact, BakeRequest, BakeResponse, BakeState, BakeStatus, BatchCreateBakesRequest, BatchCreateBakesResponse,
-    CancelBakeRequest, CancelBakeResponse, CreateBakeRequest, CreateBakeResponse, CreatedBake, DeleteBakeRequest,
-    DeleteBakeResponse, DownloadResultRequest, DownloadResultResponse, GetBakeRequest, GetBakeResponse,
-    GetServerInfoRequest, GetServerInfoResponse, HaveAssetsRequest, HaveAssetsResponse, Limits, ListBakesRequest,
-    ListBakesResponse, OutputFormat, PlanBakeRequest, PlanBakeResponse, UploadAssetRequest, UploadAssetResponse,
-    WatchBakeRequest, WatchBakeResponse,
+    AnalysePileRequest, AnalysePileResponse, Artifact, BakeRequest, BakeResponse, BakeState, BakeStatus,
+    BatchCreateBakesRequest, BatchCreateBakesResponse, CancelBakeRequest, CancelBakeResponse, CreateBakeRequest,
+    CreateBakeResponse, CreatedBake, DeleteBakeRequest, DeleteBakeResponse, DownloadResultRequest,
+    DownloadResultResponse, GetBakeRequest, GetBakeResponse, GetServerInfoRequest, GetServerInfoResponse,
+    HaveAssetsRequest, HaveAssetsResponse, Limits, ListBakesRequest, ListBakesResponse, OutputFormat, PlanBakeRequest,
+    PlanBakeResponse, UploadAssetRequest, UploadAssetResponse, WatchBakeRequest, WatchBakeResponse,
 };
 use crate::wire::to_proto;
 use crate::wire::versions::{PROTOCOL, versions};
@@ -250,6 +250,30 @@ impl PileService for Service {
         let follow = Follow { from, frames: request::frames(frames)?, deadline };
         let events = follow.start(&self.bakes, entry, permit);
         Ok(Response::new(Box::pin(events.map(|event| Ok(WatchBakeResponse { event: Some(event?) })))))
+    }
+
+    type AnalysePileStream = ResponseStream<AnalysePileResponse>;
+
+    async fn analyse_pile(
+        &self,
+        request: Request<AnalysePileRequest>,
+    ) -> Result<Response<Self::AnalysePileStream>, Status> {
+        let deadline = deadline::of(request.metadata());
+        let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
+        audit::bake(request.extensions(), &request.get_ref().bake_id);
+        let request = request::analysis(request.into_inner())?;
+        let mut bake = None;
+        if !request.bake_id.is_empty() {
+            let entry = self.bakes.find(&caller, &request.bake_id)?;
+            let (bakes, of) = (self.bakes.clone(), entry.clone());
+            if on_disk(move || bakes.status(&of)).await??.state() != BakeState::Succeeded {
+                return Err(Fault::BakeNotDone.into());
+            }
+            self.bakes.store.touch(&entry.id());
+            bake = Some(entry);
+        }
+        let new = self.bakes.accept_analysis(&caller, request, bake).await?;
+        Ok(Response::new(stream::analysis(&self.bakes, new, deadline, permit)))
     }
 
     async fn get_bake(&self, request: Request<GetBakeRequest>) -> Result<Response<GetBakeResponse>, Status> {

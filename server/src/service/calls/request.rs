@@ -6,8 +6,8 @@ use crate::service::access::{Caller, LAST_PRIORITY};
 use crate::service::jobs::{BakeSubmission, Entry, ListPosition};
 use crate::service::status::Fault;
 use crate::wire::proto::{
-    AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeState, BakeStatus, FieldProblem, FrameSelection,
-    ListBakesRequest, ListBakesResponse, OutputFormat,
+    AnalysePileRequest, AssetHeader, AssetReference, BakeRequest, BakeSpec, BakeState, BakeStatus, FieldProblem,
+    FrameSelection, ListBakesRequest, ListBakesResponse, OutputFormat,
 };
 use crate::wire::to_proto;
 use prost::Message;
@@ -27,16 +27,32 @@ const MAX_PAGE: i32 = 1000;
 pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
     let spec = spec.ok_or_else(|| Fault::field("spec", "it is missing; describe the bake"))?;
     let mut problems = Vec::new();
-    let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
     if OutputFormat::try_from(spec.format).is_err() {
-        wrong("spec.format".into(), format!("there is no format {}; see OutputFormat", spec.format));
+        let description = format!("there is no format {}; see OutputFormat", spec.format);
+        problems.push(FieldProblem { field: "spec.format".into(), description });
     }
-    if spec.assets.len() > MAX_ASSETS {
-        wrong("spec.assets".into(), format!("more than {MAX_ASSETS}; pack files into .glb"));
+    problems.extend(asset_problems("spec.assets", &spec.assets));
+    match &spec.scene {
+        None => problems
+            .push(FieldProblem { field: "spec.scene".into(), description: "it is missing; describe the scene".into() }),
+        Some(scene) => {
+            let unknown = SceneTree::from_message(scene).problems();
+            problems.extend(unknown.iter().map(|problem: &Problem| to_proto::field_problem(problem)));
+        }
+    }
+    if problems.is_empty() { Ok(spec) } else { Err(Fault::RequestInvalid(problems)) }
+}
+
+/// What is wrong with the form of these assets.
+fn asset_problems(list: &str, assets: &[AssetReference]) -> Vec<FieldProblem> {
+    let mut problems = Vec::new();
+    let mut wrong = |field: String, description: String| problems.push(FieldProblem { field, description });
+    if assets.len() > MAX_ASSETS {
+        wrong(list.into(), format!("more than {MAX_ASSETS}; pack files into .glb"));
     }
     let mut uris = BTreeSet::new();
-    for (index, AssetReference { uri, sha256 }) in spec.assets.iter().enumerate().take(MAX_ASSETS) {
-        let field = |name: &str| format!("spec.assets[{index}].{name}");
+    for (index, AssetReference { uri, sha256 }) in assets.iter().enumerate().take(MAX_ASSETS) {
+        let field = |name: &str| format!("{list}[{index}].{name}");
         if uri.is_empty() || uri.len() > MAX_URI {
             wrong(field("uri"), format!("{} bytes; give 1 to {MAX_URI}", uri.len()));
         } else if !uris.insert(Path::new(uri)) {
@@ -46,14 +62,45 @@ pub fn checked(spec: Option<BakeSpec>) -> Result<BakeSpec, Fault> {
             wrong(field("sha256"), format!("{uri}: {NO_DIGEST}"));
         }
     }
-    match &spec.scene {
-        None => wrong("spec.scene".into(), "it is missing; describe the scene".into()),
-        Some(scene) => {
-            let unknown = SceneTree::from_message(scene).problems();
-            problems.extend(unknown.iter().map(|problem: &Problem| to_proto::field_problem(problem)));
+    problems
+}
+
+/// Names of nodes in one list.
+const MAX_NAMES: usize = 1000;
+
+/// The request of an analysis, if its form is right.
+pub fn analysis(request: AnalysePileRequest) -> Result<AnalysePileRequest, Fault> {
+    let mut problems = asset_problems("assets", &request.assets);
+    let mut wrong = |field: &str, what: String| {
+        problems.push(FieldProblem { field: field.into(), description: what });
+    };
+    match (request.bake_id.is_empty(), request.assets.is_empty()) {
+        (true, true) => wrong("assets", "they are missing; give a file, or a bake_id".into()),
+        (false, false) => wrong("bake_id", "assets are given, too; give one of them".into()),
+        _ => {}
+    }
+    for (field, names) in [("scenery", &request.scenery), ("without", &request.without)] {
+        if names.len() > MAX_NAMES {
+            wrong(field, format!("more than {MAX_NAMES}; let names end in *"));
+        }
+        if names.iter().any(|name| name.len() > MAX_URI) {
+            wrong(field, format!("a name is longer than {MAX_URI} bytes"));
         }
     }
-    if problems.is_empty() { Ok(spec) } else { Err(Fault::RequestInvalid(problems)) }
+    let mut range = |field: &str, value: Option<f64>, is_right: fn(f64) -> bool, range: &str| {
+        if let Some(value) = value.filter(|&value| !value.is_finite() || !is_right(value)) {
+            wrong(field, format!("{value} is out of range; give {range}"));
+        }
+    };
+    range("friction", request.friction, |value| (0.0..=2.0).contains(&value), "0 to 2");
+    range("density", request.density, |value| value > 0.0, "a number above 0");
+    range("ground_height", request.ground_height, |_| true, "a number");
+    range("time_seconds", request.time_seconds, |_| true, "a number");
+    range("friction_share", request.friction_share, |value| (0.0..=1.0).contains(&value), "0 to 1");
+    if request.no_ground && request.ground_height.is_some() {
+        wrong("ground_height", "there is no ground; leave one of them out".into());
+    }
+    if problems.is_empty() { Ok(request) } else { Err(Fault::RequestInvalid(problems)) }
 }
 
 /// Labels of one bake, and bytes of a label's name and value.

@@ -4,11 +4,13 @@ use crate::failpoints;
 use crate::files::plain_reason;
 use crate::service::event_log::LogReader;
 use crate::service::folder::EVENTS;
-use crate::service::jobs::{Bakes, Entry};
+use crate::service::jobs::{Bakes, Entry, NewAnalysis};
 use crate::service::quotas::Permit;
 use crate::service::status::{Fault, no_more_files};
 use crate::wire::digest::hex;
-use crate::wire::proto::{BakeEvent, DownloadResultResponse, FrameSelection, Stage, bake_event::Kind};
+use crate::wire::proto::{
+    AnalysePileResponse, BakeEvent, DownloadResultResponse, FrameSelection, Stage, bake_event::Kind,
+};
 use crate::wire::to_proto;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -127,6 +129,37 @@ impl Follow {
             FrameSelection::None => false,
         }
     }
+}
+
+/// Streams an analysis. It ends with its caller, and at the deadline.
+pub fn analysis(
+    bakes: &Arc<Bakes>,
+    new: NewAnalysis,
+    deadline: Option<Instant>,
+    permit: Permit,
+) -> ResponseStream<AnalysePileResponse> {
+    let (sender, receiver) = mpsc::channel(WAITING);
+    let bakes = bakes.clone();
+    tokio::spawn(async move {
+        let _permit = permit;
+        let passed = async {
+            match deadline {
+                Some(deadline) => tokio::time::sleep_until(deadline).await,
+                None => std::future::pending().await,
+            }
+        };
+        let run = bakes.run_analysis(new, &sender);
+        let ended = tokio::select! {
+            ended = run => ended,
+            () = passed => Err(Fault::Deadline),
+            () = sender.closed() => Ok(()),
+        };
+        if let Err(fault) = ended {
+            // A caller that is gone needs no reason.
+            let _ = sender.send(Err(fault.into())).await;
+        }
+    });
+    Box::pin(ReceiverStream::new(receiver))
 }
 
 /// A file in chunks. The last chunk is sent only if the whole file has its hash.

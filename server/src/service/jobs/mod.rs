@@ -3,6 +3,7 @@
 //! Each bake has one entry, however many callers it has. The entry's task holds its permit, and later its worker slot,
 //! until the worker process has ended.
 
+mod analysis;
 mod entry;
 mod submission;
 mod task;
@@ -24,6 +25,7 @@ use crate::wire::proto::{
     UsdLayout,
 };
 use crate::wire::versions::versions;
+pub use analysis::NewAnalysis;
 pub use entry::{Entry, EntryState, ListPosition};
 use prost::Message;
 use prost_types::Timestamp;

@@ -200,6 +200,7 @@ impl Bakes {
                 Some(
                     WorkerMessage::Planned(_)
                     | WorkerMessage::Exported(_)
+                    | WorkerMessage::Analysed(_)
                     | WorkerMessage::NotWritten(_)
                     | WorkerMessage::Broken(_),
                 ) => {}

@@ -1,9 +1,10 @@
-//! Converts placed bodies, emitters, several shapes and moving scenery from the wire. Defaults are already filled in.
+//! Converts placed bodies, emitters, removals, several shapes and moving scenery from the wire. Defaults are already
+//! filled in.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, PlacedBody};
+use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, PlacedBody, RemovalChoice, RemovalRequest};
 use glam::{DQuat, DVec3};
 
 /// The last frame that can be named.
@@ -96,6 +97,26 @@ impl<'a> ExtraBodies<'a> {
                 .ok()
         });
         (props, seed)
+    }
+
+    pub fn removal(&mut self, index: usize, removal: &proto::Removal) -> RemovalRequest {
+        use proto::removal::Start;
+        let field = |name: &str| format!("remove.{index}.{name}");
+        let most = usize::try_from(removal.count()).unwrap_or(0);
+        let choice = match removal.choice() {
+            proto::RemovalChoice::Unspecified | proto::RemovalChoice::Named => RemovalChoice::Named {
+                prop: removal.prop.as_ref().map(|name| self.prop(&field("prop"), name)),
+                number: usize::try_from(removal.number()).unwrap_or(usize::MAX),
+            },
+            proto::RemovalChoice::Safe => RemovalChoice::Safe { most },
+            proto::RemovalChoice::Order => RemovalChoice::Order { most },
+            proto::RemovalChoice::Any => RemovalChoice::Any { most },
+        };
+        let start = removal.start.map(|start| match start {
+            Start::StartFrame(frame) => self.frame(&field("start_frame"), f64::from(frame)),
+            Start::StartSeconds(seconds) => seconds,
+        });
+        RemovalRequest { choice, start }
     }
 
     pub fn keys(&mut self, index: usize, model: &proto::StaticModel) -> Vec<Keyframe> {

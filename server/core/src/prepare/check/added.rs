@@ -1,9 +1,9 @@
-//! Checks of all bodies besides the fill: placed bodies, emitters, moving scenery.
+//! Checks of all bodies besides the fill: placed bodies, emitters, moving scenery, and bodies that are taken away.
 
 use super::{FieldChecks, Findings};
 use crate::geometry::TOLERANCE;
-use crate::input::params::Params;
-use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, Scene, StaticModel};
+use crate::input::params::{GlueMode, Params};
+use crate::input::scene::{Emitter, EmitterVolume, PlacedBody, RemovalChoice, Scene, StaticModel};
 use glam::{DQuat, DVec3};
 
 /// Bound of positions, m, as the schema states it.
@@ -14,6 +14,8 @@ const FASTEST: f64 = 1e4;
 const LATEST: f64 = 1e5;
 /// Bound on the bodies placed and emitted, together.
 const MOST_BODIES: u64 = 100_000;
+/// Bound on the entries of a list of removals.
+const MOST_REMOVALS: usize = 1000;
 
 /// All problems of the three.
 pub fn check(scene: &Scene, params: &Params, found: &mut Findings) {
@@ -38,10 +40,33 @@ pub fn check(scene: &Scene, params: &Params, found: &mut Findings) {
             key(&mut found.below(&format!("statics.{i}.keyframes.{k}"), ""), model, k);
         }
     }
+    removals(scene, params, found);
     let count = scene.bodies.len() as u64 + scene.emitters.iter().map(|e| u64::from(e.count)).sum::<u64>();
     if count > MOST_BODIES {
         let text = format!("bodies, emitters: {count} bodies in all; place and emit at most {MOST_BODIES}");
         found.problem("emitters", text);
+    }
+}
+
+fn removals(scene: &Scene, params: &Params, found: &mut Findings) {
+    if scene.removals.len() > MOST_REMOVALS {
+        let text = format!("remove: {} entries; give {MOST_REMOVALS} at most", scene.removals.len());
+        found.problem("remove", text);
+    }
+    if !scene.removals.is_empty() && matches!(params.glue.mode, GlueMode::Tacky | GlueMode::AsModelled) {
+        let text = "glue.mode: bodies are taken away from the pile, which then stands or falls by itself; leave \
+                    glue.mode or remove out";
+        found.problem("glue.mode", text);
+    }
+    for (i, removal) in scene.removals.iter().enumerate() {
+        let checks = &mut found.below(&format!("remove.{i}"), "");
+        checks.range("start", removal.start.unwrap_or(0.0), [0.0, LATEST]);
+        match removal.choice {
+            RemovalChoice::Named { number, .. } => checks.range("number", number as f64, [0.0, 1e6]),
+            RemovalChoice::Safe { most } | RemovalChoice::Order { most } | RemovalChoice::Any { most } => {
+                checks.range("count", most as f64, [1.0, MOST_BODIES as f64]);
+            }
+        }
     }
 }
 

@@ -4,7 +4,9 @@ use super::run;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::pose::Pose;
 use crate::input::params::{Accuracy, Params};
-use crate::input::scene::{Emitter, EmitterVolume, Model, PlacedBody, Prop, Scene, StaticModel};
+use crate::input::scene::{
+    Emitter, EmitterVolume, Model, PlacedBody, Prop, RemovalChoice, RemovalRequest, Scene, StaticModel,
+};
 use crate::prepare::shape::{Shape, Size};
 use crate::testing::says_only;
 use glam::DVec3;
@@ -29,6 +31,7 @@ fn each_problem_of_a_scene_has_its_cause() {
         let place = EmitterVolume::Box { center: DVec3::Y, size: DVec3::ONE };
         vec![Emitter { place, props: vec![], rate: 1.0, count, velocity: DVec3::ZERO, start: 0.0 }; of]
     };
+    let removals = |count: usize| vec![RemovalRequest { choice: RemovalChoice::Any { most: 1 }, start: None }; count];
     for (case, scene, words) in [
         ("when the scene is whole", whole.clone(), &[] as &[&str]),
         ("when scenery has faces", Scene { statics: scenery(cube(1.0)), ..whole.clone() }, &[]),
@@ -53,6 +56,12 @@ fn each_problem_of_a_scene_has_its_cause() {
             "when a body has another prop",
             Scene { bodies: body(7), ..whole.clone() },
             &["bodies.0.prop: there is no props.7; the scene's last is props.0"],
+        ),
+        ("when a thousand removals are asked for", Scene { removals: removals(1000), ..whole.clone() }, &[]),
+        (
+            "when more removals are asked for",
+            Scene { removals: removals(1001), ..whole.clone() },
+            &["remove: 1001 entries; give 1000 at most"],
         ),
         (
             "when more bodies are emitted",

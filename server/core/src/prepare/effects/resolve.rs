@@ -34,7 +34,7 @@ impl Resolved {
         let stiffened = extremes::stiffened(&params.physics, mass_ratio, thickness);
         let physics = extremes::calmed(&stiffened, thickness, checked.characteristic_time(params));
         let fills = scene.is_filled(params);
-        let glue_bound = params.glue_bound(fills);
+        let glue_bound = scene.glue_bound(params);
         let inputs = EffectInputs {
             scene,
             params,

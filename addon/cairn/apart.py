@@ -1,0 +1,176 @@
+"""Pull Out: an object leaves those around it, and they move if they must. Make It Stand: glue where it is needed."""
+
+import json
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.types import Operator
+from mathutils import Matrix, Quaternion, Vector
+
+from . import analysis, axes, export, keyframes
+from .client import Fault
+from .following import explaining, is_running
+from .placed import is_animated
+
+# Objects that are made: one for each dot of glue.
+DOTS = "Needed Glue"
+# An object that moves less than this share of its size is not keyed.
+STILL = 0.005
+
+
+def scene(context, sources, written, index):
+    """The request: all objects as bodies placed by hand, one of which is taken away once they rest."""
+    settings = context.scene.cairn
+    friction = round(settings.collider_friction, 6)
+    props, bodies = [], []
+    for number, (position, rotation) in enumerate(written.poses):
+        props.append({"path": f"{analysis.NAME}#body {number}", "weight": 0, "friction": friction})
+        bodies.append({"prop": str(number), "position": position, "rotation": rotation})
+    asked = {
+        "props": props,
+        "bodies": bodies,
+        "statics": [
+            {"path": f"{analysis.NAME}#scenery {number}", "friction": friction} for number in range(written.scenery)
+        ],
+        "control": "off",
+        "ground": settings.use_ground,
+        "ground_friction": friction,
+        "remove": [{"number": index}],
+        "output": {"fps": context.scene.render.fps / context.scene.render.fps_base},
+    }
+    if settings.use_ground and settings.use_ground_height:
+        asked["ground_height"] = settings.ground_height * export.metres(context.scene)
+    return asked
+
+
+def bake(context, sources, index):
+    """The table of poses [frame, body, 7] in the server's axes, the report, and the frames in Blender."""
+    scenery = analysis.scenery_of(context, sources)
+    written = analysis.write(context, sources, scenery, posed=False)
+    with tempfile.TemporaryDirectory(prefix="cairn-") as folder:
+        folder = Path(folder)
+        (folder / analysis.NAME).write_bytes(written.content)
+        (folder / "scene.json").write_text(json.dumps(scene(context, sources, written, index)), encoding="utf-8")
+        analysis.run(context, folder, ["bake", "scene.json", "-o", "motion.json", "--report", "report.json", "--quiet"])
+        motion = json.loads((folder / "motion.json").read_text(encoding="utf-8"))
+        report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    return np.array(motion["frames"], float), report, written.frames
+
+
+def play(context, sources, poses, frames):
+    """Keys the objects that move, from the current frame on."""
+    first, metres = context.scene.frame_current, export.metres(context.scene)
+    positions = axes.points_to_blender(poses[..., :3], metres)
+    rotations = keyframes.continuous(axes.rotations_to_blender(poses[..., 3:]))
+    keyed = keyframes.needed(positions, rotations)
+    for number, source in enumerate(sources):
+        at = np.flatnonzero(keyed[:, number])
+        # What is left of the object's matrix without its frame: its scale.
+        rest = frames[number].inverted() @ source.matrix_world
+        corners = np.array([rest @ Vector(corner) for corner in source.bound_box])
+        turned = axes.matrices(positions[:, number], rotations[:, number], np.ones(len(poses)))
+        places = np.einsum("fij,cj->fci", turned[:, :, :3], corners) + turned[:, None, :, 3]
+        # What only settles into its contacts stays as it is.
+        if len(at) < 2 or np.linalg.norm(places - places[0], axis=2).max() < STILL * max(source.dimensions):
+            continue
+        own = source.parent.matrix_world @ source.matrix_parent_inverse if source.parent else Matrix()
+        locations, turns = [], []
+        for frame in at:
+            world = Matrix.Translation(Vector(positions[frame, number]))
+            world = world @ Quaternion(rotations[frame, number]).to_matrix().to_4x4() @ rest
+            location, turn, _ = (own.inverted() @ world).decompose()
+            locations.append(tuple(location))
+            turns.append(tuple(turn))
+        source.rotation_mode = "QUATERNION"
+        turns = keyframes.continuous(np.array(turns)[:, None])[:, 0]
+        keyframes.write(source, f"{source.name} pulled", at + first, np.array(locations), turns, None)
+    context.scene.frame_end = max(context.scene.frame_end, first + len(poses) - 1)
+
+
+def said(sources, report):
+    """What happened, beside what statics had said."""
+    removed = report["removals"][0]
+    names = [sources[number].name for number, _ in removed["moved"]]
+    fell = [sources[number].name for number in removed["came_down"]]
+    forecast = removed["forecast"]
+    safe = "not proven safe" if forecast is None or not forecast["is_safe"] else "proven safe"
+    if fell:
+        return f"“{sources[removed['body']].name}” ({safe}): {', '.join(fell[:5])} came down"
+    moved = f"{', '.join(names[:5])} moved a little" if names else "nothing else moved"
+    return f"“{sources[removed['body']].name}” ({safe}): {moved}"
+
+
+class CAIRN_OT_pull_out(Operator):
+    """Take the active object away from the analyzed ones, and let them fall if they must: keys from this frame on"""
+
+    bl_idname = "cairn.pull_out"
+    bl_label = "Pull Out"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return not is_running() and bool(context.object) and analysis.FIGURES in context.object
+
+    def execute(self, context):
+        with explaining(self):
+            sources = [source for source in analysis.analysed(context.scene) if source.visible_get()]
+            animated = [source.name for source in sources if is_animated(source)]
+            if animated:
+                raise Fault(f"“{animated[0]}” is animated. Clear its animation, or undo the last Pull Out.")
+            poses, report, frames = bake(context, sources, sources.index(context.object))
+            if not report.get("removals"):
+                raise Fault(f"“{context.object.name}” cannot be pulled out: the objects do not come to rest.")
+            play(context, sources, poses, frames)
+            self.report({"INFO"}, said(sources, report))
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+
+class CAIRN_OT_make_it_stand(Operator):
+    """Mark where few dots of glue hold what falls: an empty for each, with the force that it has to hold"""
+
+    bl_idname = "cairn.make_it_stand"
+    bl_label = "Make It Stand"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return analysis.GLUE in context.scene
+
+    def execute(self, context):
+        with explaining(self):
+            needed = json.loads(context.scene[analysis.GLUE])
+            if needed["beyond"]:
+                names = ", ".join(needed["beyond"][:5])
+                self.report({"WARNING"}, f"No glue holds {names}: they touch nothing. Move them to what carries them")
+            if not needed["dots"]:
+                if not needed["beyond"]:
+                    self.report({"INFO"}, "All stand without glue")
+                return {"FINISHED"}
+            mark(context, needed["dots"])
+            self.report({"INFO"}, f"{len(needed['dots'])} dots of glue in the collection “{DOTS}”")
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+
+def mark(context, dots):
+    """An empty for each dot, as a fixed joint of Blender's rigid bodies where the scene has such."""
+    collection = bpy.data.collections.get(DOTS) or bpy.data.collections.new(DOTS)
+    if DOTS not in context.scene.collection.children:
+        context.scene.collection.children.link(collection)
+    for old in list(collection.objects):
+        bpy.data.objects.remove(old)
+    for dot in dots:
+        other = dot["other"] or "ground"
+        empty = bpy.data.objects.new(f"{dot['body']} – {other}", None)
+        empty.empty_display_type = "SPHERE"
+        body = context.scene.objects.get(dot["body"])
+        empty.empty_display_size = 0.05 * max(body.dimensions) if body else 0.02
+        empty.location = axes.points_to_blender(np.array(dot["point"]), export.metres(context.scene))
+        empty["force_newton"] = dot["force"]
+        collection.objects.link(empty)
+
+
+CLASSES = [CAIRN_OT_pull_out, CAIRN_OT_make_it_stand]
