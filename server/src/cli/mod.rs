@@ -15,7 +15,9 @@ mod doctor;
 mod failure;
 mod interrupt;
 mod man;
+mod mcp;
 mod output;
+mod pack;
 mod panic;
 mod plan;
 mod progress;
@@ -65,6 +67,8 @@ enum Command {
     Cost(cost::Args),
     Doctor(doctor::Args),
     Man(man::Args),
+    Mcp(mcp::Args),
+    Pack(pack::Args),
     Plan(plan::Args),
     Rank(rank::Args),
     Render(render::Args),
@@ -147,6 +151,8 @@ pub fn main() -> ExitCode {
         Command::Cost(args) => cost::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Man(args) => man::run(&args),
+        Command::Mcp(args) => mcp::run(&args),
+        Command::Pack(args) => pack::run(&args),
         Command::Plan(args) => plan::run(&args),
         Command::Rank(args) => rank::run(&args),
         Command::Render(args) => render::run(&args),

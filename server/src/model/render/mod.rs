@@ -7,6 +7,7 @@ mod library;
 pub(in crate::model) mod nodes;
 mod ray_scene;
 mod shade;
+mod silhouette;
 mod texture;
 
 use cairn_gltf::document::DocumentError;
@@ -21,6 +22,7 @@ use nodes::PlacedMesh;
 use ray_scene::RayScene;
 use shade::RenderJob;
 use std::collections::BTreeSet;
+pub use silhouette::{SilhouetteDifference, silhouette_difference};
 use texture::Material;
 
 /// Content and size of the picture.
