@@ -2,8 +2,8 @@
 
     mayapy examples/dcc/maya.py pile.usdc [pile.ma]
 
-`reference` shows the stage itself (a proxy shape), which is quickest. `instance` makes Maya's own instances, one transform
-for each body, keyed in each frame, which every renderer and script of Maya knows.
+`reference` shows the stage itself (a proxy shape), which is quickest. `instance` makes Maya's own instances, one
+transform for each body, keyed in each frame, which every renderer and script of Maya knows.
 """
 
 import sys

@@ -68,12 +68,12 @@ export async function loadPile(folder) {
     node.material.onBeforeCompile = (shader) => {
       Object.assign(shader.uniforms, uniforms);
       shader.vertexShader = shader.vertexShader
-        .replace("#include <common>", `#include <common>\nattribute float _body;\n${POSE}`)
+        .replace("#include <common>", `#include <common>\nattribute float _BODY;\n${POSE}`)
         .replace(
           "#include <beginnormal_vertex>",
-          "#include <beginnormal_vertex>\nobjectNormal = cairn_turned(cairn_rotation(_body), objectNormal);",
+          "#include <beginnormal_vertex>\nobjectNormal = cairn_turned(cairn_rotation(_BODY), objectNormal);",
         )
-        .replace("#include <begin_vertex>", "vec3 transformed = cairn_posed(position, _body);");
+        .replace("#include <begin_vertex>", "vec3 transformed = cairn_posed(position, _BODY);");
     };
   });
   const seconds = (frames - 1) / fps;

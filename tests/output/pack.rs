@@ -94,7 +94,9 @@ fn textures_and_skeleton_have_the_motion() {
     let texels = |name: &str| {
         let bytes = &file(&manifest, name).content;
         let pixels = |size: exr::prelude::Vec2<usize>, _: &_| (size, vec![[0.0f32; 4]; size.area()]);
-        let set = |(size, all): &mut (exr::prelude::Vec2<usize>, Vec<[f32; 4]>), at: exr::prelude::Vec2<usize>, rgba: (f32, f32, f32, f32)| {
+        let set = |(size, all): &mut (exr::prelude::Vec2<usize>, Vec<[f32; 4]>),
+                   at: exr::prelude::Vec2<usize>,
+                   rgba: (f32, f32, f32, f32)| {
             all[at.y() * size.x() + at.x()] = rgba.into();
         };
         let image = read().no_deep_data().largest_resolution_level().rgba_channels(pixels, set).first_valid_layer();
@@ -133,9 +135,54 @@ fn textures_and_skeleton_have_the_motion() {
     assert_eq!(file(&manifest, "textures/0.png").content, crate::files::PNG);
 }
 
+/// A result whose JSON is changed.
+fn edited(result: &[u8], change: impl FnOnce(&mut Value)) -> Vec<u8> {
+    let length = u32::from_le_bytes(result[12..16].try_into().unwrap()) as usize;
+    let mut json: Value = serde_json::from_slice(&result[20..20 + length]).unwrap();
+    change(&mut json);
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let rest = &result[20 + length..];
+    let word = |n: usize| (n as u32).to_le_bytes();
+    [b"glTF", &word(2)[..], &word(20 + text.len() + rest.len()), &word(text.len()), b"JSON", &text, rest].concat()
+}
+
 #[test]
 fn what_is_no_result_is_refused() {
     let fault = |bytes: &[u8]| packed(bytes, &PackOptions::default()).unwrap_err().to_string();
-    assert!(fault(&asset("cube.glb")).contains("no node \"pile\""));
-    assert!(fault(b"glTF").contains("glTF"));
+    assert!(fault(&asset("cube.glb")).contains("it is no result of a bake: it has no node \"pile\" with frames"));
+    assert!(fault(b"glTF").contains("GLB"), "{}", fault(b"glTF"));
+    let result = result(&asset("cube.glb"), &block(2, 1.0));
+    let moved = edited(&result, |json| json["nodes"][0]["translation"] = serde_json::json!([1, 0, 0]));
+    assert!(fault(&moved).contains("its node \"pile\" was moved"));
+    let bare = edited(&result, |json| json["meshes"][0]["primitives"][0]["mode"] = 0.into());
+    assert!(fault(&bare).contains("none of its bodies shows triangles"));
+}
+
+#[test]
+fn what_a_pack_leaves_out_is_said() {
+    let mut pile = block(2, 1.0);
+    pile.frames.push(pile.frames[0].clone());
+    pile.bodies[1].first_frame = 9;
+    let result = edited(&result(&asset("cube.glb"), &pile), |json| {
+        let place = json["meshes"][0]["primitives"][0]["attributes"]["POSITION"].clone();
+        json["meshes"][0]["primitives"][0]["attributes"]["_DUST"] = place;
+        json["nodes"][3]["scale"] = serde_json::json!([1, 2, 1]);
+        json["nodes"].as_array_mut().unwrap().push(serde_json::json!({ "name": "scenery" }));
+    });
+    let manifest = packed(&result, &PackOptions::default()).unwrap();
+    let said = manifest.left_out.join("\n");
+    for sentence in [
+        "1 bodies that never appear are left out",
+        "_DUST of the props are left out of the pack",
+        "the scenery is left out of the pack",
+        "bodies that are scaled differently along their axes have the scale along X",
+    ] {
+        assert!(said.contains(sentence), "{sentence}: {said}");
+    }
+    assert_eq!(manifest.bodies, 7);
+    assert_eq!(
+        document(file(&manifest, "skinned.glb")).get("skins", 0).unwrap()["joints"].as_array().unwrap().len(),
+        7
+    );
 }

@@ -11,7 +11,7 @@ SECONDS = 180  # until a browser that does not answer is given up
 
 
 def ask(chromium, files, page, flags=()):
-    """What the page at this address posts to /answer. `files` gives the path, or the bytes, of a path of the address."""
+    """What the page at this address posts to /answer. `files` gives the file or the bytes of a path of the address."""
     answer = []
     answered = threading.Event()
 

@@ -1,5 +1,5 @@
-"""packed.py PACK TABLE: Blender's own importer reads a pack: the skeleton moves each body as the table has it, and the meshes at
-rest are where the bodies are."""
+"""packed.py PACK TABLE: Blender's own importer reads a pack: the skeleton moves each body as the table has it, and the
+meshes at rest are where the bodies are."""
 
 import json
 import sys
@@ -22,7 +22,7 @@ def load(name):
     return [thing for thing in bpy.data.objects if thing.type == "MESH" and thing.users_scene]
 
 
-# Where the vertices of the skinned mesh are in each frame, by joint: against where the pose of the table takes those at rest.
+# Where the vertices of the skinned mesh are in each frame, by joint: where the table's pose takes those at rest.
 (mesh,) = load("skinned.glb")
 names = [group.name for group in mesh.vertex_groups]
 joints = [names[vertex.groups[0].group] for vertex in mesh.data.vertices]
@@ -50,7 +50,9 @@ assert len(names) == len(bodies) and worst < 1e-4
 # All that rests is within the manifest's bounds, and reaches them.
 low, high = (Vector(manifest["bounds"][end]) for end in ("low", "high"))
 for name in ("static.lod0.glb", "motion.glb", "colliders.glb"):
-    corners = [turn.inverted() @ (mesh.matrix_world @ vertex.co) for mesh in load(name) for vertex in mesh.data.vertices]
+    corners = [
+        turn.inverted() @ (mesh.matrix_world @ vertex.co) for mesh in load(name) for vertex in mesh.data.vertices
+    ]
     for axis in range(3):
         ends = [pick(corner[axis] for corner in corners) for pick in (min, max)]
         assert abs(ends[0] - low[axis]) < 0.02 * (high - low).length, (name, axis, ends, low[axis])

@@ -11,9 +11,9 @@ const POINTS = 4;
 async function check() {
   while (!window.cairn) await new Promise((then) => setTimeout(then, 50));
   if (window.cairn.error) throw new Error(window.cairn.error);
-  const { THREE, pile, renderer, show } = window.cairn;
+  const { THREE, pile, renderer, scene: page, camera, show } = window.cairn;
   renderer.setAnimationLoop(null);
-  const { bodies, motion } = pile.manifest;
+  const { bodies } = pile.manifest;
   const { scene, animations } = await new GLTFLoader().loadAsync("/work/pile.glb");
   const mixer = new THREE.AnimationMixer(scene);
   for (const clip of animations) {
@@ -70,7 +70,25 @@ async function check() {
   show(0.5 * seconds);
   const { calls, triangles } = renderer.info.render;
   const picture = renderer.domElement.toDataURL("image/png");
-  await send({ revision: THREE.REVISION, bodies, frames: motion.frames, worst, moved, calls, triangles, picture });
+  // The page itself: what its picture covers, against that of the animation.
+  const ours = covered(renderer);
+  mixer.setTime(0.5 * seconds);
+  page.remove(pile.object);
+  page.add(scene);
+  renderer.render(page, camera);
+  const theirs = covered(renderer);
+  const shown = theirs.filter(Boolean).length;
+  const differing = ours.filter((is, at) => is !== theirs[at]).length;
+  await send({ revision: THREE.REVISION, bodies, worst, moved, calls, triangles, shown, differing, picture });
+}
+
+// Whether each picture element is not as the first one, which is the background.
+function covered(renderer) {
+  const gl = renderer.getContext();
+  const bytes = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
+  gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+  const all = new Uint32Array(bytes.buffer);
+  return Array.from(all, (pixel) => pixel !== all[0]);
 }
 
 function meshes(node) {

@@ -48,14 +48,8 @@ pub struct Args {
 }
 
 /// What a pack may leave of an earlier one.
-const FILES: [&str; 6] = [
-    "colliders.glb",
-    "instances.glb",
-    "skinned.glb",
-    "motion.glb",
-    "motion.positions.exr",
-    "motion.rotations.exr",
-];
+const FILES: [&str; 6] =
+    ["colliders.glb", "instances.glb", "skinned.glb", "motion.glb", "motion.positions.exr", "motion.rotations.exr"];
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();

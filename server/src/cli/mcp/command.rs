@@ -3,9 +3,9 @@
 use super::types::SceneArgs;
 use crate::job::pace::overall_at;
 use cairn_core::input::observer::Stage;
+use rmcp::RoleServer;
 use rmcp::model::ProgressNotificationParam;
 use rmcp::service::RequestContext;
-use rmcp::RoleServer;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::path::PathBuf;

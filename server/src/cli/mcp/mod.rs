@@ -16,8 +16,8 @@ use rmcp::transport::stdio;
 use rmcp::{Json, RoleServer, ServerHandler, ServiceExt, tool, tool_handler, tool_router};
 use std::path::Path;
 use types::{
-    Analysis, AnalysisArgs, BakeArgs, BakeResult, CheckResult, PackArgs, PackResult, PictureResult, PlanResult, RankArgs,
-    Ranking, RenderArgs, SceneArgs,
+    Analysis, AnalysisArgs, BakeArgs, BakeResult, CheckResult, PackArgs, PackResult, PictureResult, PlanResult,
+    RankArgs, Ranking, RenderArgs, SceneArgs,
 };
 
 /// Offers Cairn's commands to agents, by the Model Context Protocol (MCP)
@@ -61,14 +61,22 @@ impl Cairn {
     /// Validates a scene with all its files, without simulating it, and reports all problems at once, each with a
     /// remedy
     #[tool(annotations(read_only_hint = true))]
-    async fn check(&self, Parameters(scene): Parameters<SceneArgs>, context: Context) -> Result<Json<CheckResult>, String> {
+    async fn check(
+        &self,
+        Parameters(scene): Parameters<SceneArgs>,
+        context: Context,
+    ) -> Result<Json<CheckResult>, String> {
         // A scene that is wrong is an answer, too.
         self.run(Call::new("check").scene(&scene)?.flag("--json"), &context).await?.json_in_any_case().map(Json)
     }
 
     /// Summarizes the bake of a scene without simulating it: bodies, seconds, memory, and the size of each format
     #[tool(annotations(read_only_hint = true))]
-    async fn plan(&self, Parameters(scene): Parameters<SceneArgs>, context: Context) -> Result<Json<PlanResult>, String> {
+    async fn plan(
+        &self,
+        Parameters(scene): Parameters<SceneArgs>,
+        context: Context,
+    ) -> Result<Json<PlanResult>, String> {
         self.run(Call::new("plan").scene(&scene)?.flag("--json"), &context).await?.json().map(Json)
     }
 
@@ -86,7 +94,11 @@ impl Cairn {
 
     /// Renders a picture of a pile, .png or .jpg, and shows it
     #[tool(annotations(destructive_hint = true, idempotent_hint = true), output_schema = schema_for_type::<PictureResult>())]
-    async fn render(&self, Parameters(args): Parameters<RenderArgs>, context: Context) -> Result<CallToolResult, String> {
+    async fn render(
+        &self,
+        Parameters(args): Parameters<RenderArgs>,
+        context: Context,
+    ) -> Result<CallToolResult, String> {
         self.run(args.call(), &context).await?.success()?;
         let result = PictureResult { picture: args.output.clone() };
         let value = serde_json::to_value(&result).map_err(|error| error.to_string())?;
@@ -112,7 +124,11 @@ impl Cairn {
     /// Reports what holds what in a pile as it stands: loads, margins, what may be removed, where glue is needed. By
     /// statics, with proofs; nothing is simulated. Takes any glTF or USD file whose nodes are bodies
     #[tool(annotations(read_only_hint = true))]
-    async fn analyse(&self, Parameters(args): Parameters<AnalysisArgs>, context: Context) -> Result<Json<Analysis>, String> {
+    async fn analyse(
+        &self,
+        Parameters(args): Parameters<AnalysisArgs>,
+        context: Context,
+    ) -> Result<Json<Analysis>, String> {
         self.run(args.call(), &context).await?.json().map(Json)
     }
 

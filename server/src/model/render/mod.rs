@@ -21,8 +21,8 @@ use library::Library;
 use nodes::PlacedMesh;
 use ray_scene::RayScene;
 use shade::RenderJob;
-use std::collections::BTreeSet;
 pub use silhouette::{SilhouetteDifference, silhouette_difference};
+use std::collections::BTreeSet;
 use texture::Material;
 
 /// Content and size of the picture.

@@ -36,9 +36,8 @@ pub fn silhouette_difference(
     let to_unit =
         DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / radius), DQuat::IDENTITY, -middle / radius);
     let seen: Vec<DVec3> = points.iter().map(|p| to_unit.transform_point3(*p)).collect();
-    let piles: Vec<Vec<PlacedMesh>> = (loaded.iter())
-        .map(|file| file.placed.iter().filter(|placed| placed.in_pile).copied().collect())
-        .collect();
+    let piles: Vec<Vec<PlacedMesh>> =
+        (loaded.iter()).map(|file| file.placed.iter().filter(|placed| placed.in_pile).copied().collect()).collect();
     let scenes: Vec<RayScene> =
         loaded.iter().zip(&piles).map(|(file, pile)| RayScene::new(&file.library, pile, to_unit)).collect();
     let mut all = SilhouetteDifference::default();
@@ -100,10 +99,7 @@ mod tests {
 
     #[test]
     fn what_the_other_does_not_cover_is_counted_by_its_distance() {
-        let mask = |rows: [&str; 3]| Mask {
-            width: 6,
-            covered: rows.concat().chars().map(|c| c == '#').collect(),
-        };
+        let mask = |rows: [&str; 3]| Mask { width: 6, covered: rows.concat().chars().map(|c| c == '#').collect() };
         let wide = mask(["###...", "#####.", "###..."]);
         let narrow = mask(["###...", "###...", "###..."]);
         assert_eq!(wide.beyond(&narrow), SilhouetteDifference { farthest_px: 2, beyond_one_px: 1 });

@@ -52,7 +52,8 @@ impl Looks {
         let (mut arrays, bin) = out.into_json();
         let views = arrays.remove("bufferViews").unwrap_or_default();
         let mut textures = Vec::new();
-        for (number, image) in arrays.get_mut("images").and_then(Value::as_array_mut).into_iter().flatten().enumerate() {
+        for (number, image) in arrays.get_mut("images").and_then(Value::as_array_mut).into_iter().flatten().enumerate()
+        {
             let Some(image) = image.as_object_mut() else { continue };
             let view = reference(image, "bufferView").and_then(|view| views.get(view)?.as_object());
             let range = view.and_then(|view| Some((reference(view, "byteOffset")?, reference(view, "byteLength")?)));
@@ -147,8 +148,7 @@ impl<'a> GltfFile<'a> {
         let joints = |vertex: &Vertex| [vertex.body as u16, 0, 0, 0];
         let bytes: Vec<u8> = vertices.iter().flat_map(joints).flat_map(u16::to_le_bytes).collect();
         let view = self.view(&bytes, vertices.len(), ARRAY_BUFFER)?;
-        let accessor =
-            json!({ "bufferView": view, "componentType": 5123, "type": "VEC4", "count": vertices.len() });
+        let accessor = json!({ "bufferView": view, "componentType": 5123, "type": "VEC4", "count": vertices.len() });
         Ok(self.out.push("accessors", accessor))
     }
 
@@ -180,8 +180,7 @@ impl<'a> GltfFile<'a> {
             let count = 3 * triangles.len();
             let view = self.view(&bytes, count, INDEX_BUFFER)?;
             let indices = json!({ "bufferView": view, "componentType": 5125, "type": "SCALAR", "count": count });
-            let mut primitive =
-                json!({ "attributes": attributes, "indices": self.out.push("accessors", indices) });
+            let mut primitive = json!({ "attributes": attributes, "indices": self.out.push("accessors", indices) });
             if let Some(material) = material.and_then(|material| self.looks.materials.get(&material)) {
                 primitive["material"] = json!(material);
             }

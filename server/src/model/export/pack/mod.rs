@@ -3,6 +3,7 @@
 
 mod file;
 mod motion;
+mod outside;
 mod pile;
 mod still;
 mod surface;

@@ -56,9 +56,7 @@ pub fn textures(
         [x, y, z, pose.scale as f32]
     };
     let rotations = |pose: &BodyPose| pose.rotation.as_quat().to_array();
-    let write = |of: &(dyn Fn(&BodyPose) -> [f32; 4] + Sync)| {
-        picture(layout, |x, y| texel(x, y).map_or([0.0; 4], of))
-    };
+    let write = |of: &(dyn Fn(&BodyPose) -> [f32; 4] + Sync)| picture(layout, |x, y| texel(x, y).map_or([0.0; 4], of));
     let mut file = GltfFile::new(looks, is_compressed);
     let surfaces = still::at_rest(pile, still::first_error(pile));
     let mut addresses = |file: &mut GltfFile, vertices: &[Vertex], attributes: &mut Object| {

@@ -119,7 +119,8 @@ impl<'a> PackedPile<'a> {
         if has_scenery(&document) {
             left_out.push("the scenery is left out of the pack: it stays in your level".into());
         }
-        let kept = |poses: Vec<BodyPose>| poses.into_iter().zip(&is_kept).filter(|(_, k)| **k).map(|(p, _)| p).collect();
+        let kept =
+            |poses: Vec<BodyPose>| poses.into_iter().zip(&is_kept).filter(|(_, k)| **k).map(|(p, _)| p).collect();
         let frames = frames.into_iter().map(kept).collect();
         Ok(PackedPile { source: Copier::new(document, resolve), fps, bodies, kinds, frames, left_out })
     }

@@ -1,16 +1,16 @@
 //! The pile at rest: merged meshes in levels of detail, convex hulls of its outside, and instances.
 
 use super::file::{GltfFile, Looks};
+use super::outside;
 use super::pile::PackedPile;
 use super::surface::Surfaces;
 use super::{Level, PackError, PackedFile, PileBounds};
+use crate::model::render::{RenderModel, silhouette_difference};
 use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::prepare::shape::outer_hulls;
 use cairn_gltf::INSTANCING;
 use cairn_gltf::document::Object;
-use crate::model::render::{RenderModel, silhouette_difference};
-use glam::{DMat3, DQuat, DVec3};
-use meshoptimizer_rs::{HiddenOptions, Positions, Workspace, remove_hidden_triangles};
+use glam::{DQuat, DVec3};
 use serde_json::json;
 
 /// The picture in which the first level may not be seen to differ.
@@ -23,10 +23,8 @@ const COARSER: f64 = 4.0;
 const HALVINGS: u32 = 4;
 /// From where silhouettes are compared: azimuth and elevation, degrees. No axis among them.
 const VIEWS: [(f64, f64); 3] = [(17.0, 12.0), (139.0, 34.0), (262.0, 5.0)];
-/// Cells along the pile in which it is looked at for what is hidden.
-const CELLS: f64 = 768.0;
-/// The pile is looked at from 26 directions, and from the same turned by each of these angles about two axes, radians.
-const TURNS: [[f64; 2]; 3] = [[0.0, 0.0], [0.41, 0.29], [1.13, 0.67]];
+/// Between the points of a triangle that are tried for whether anybody sees them, in the same.
+const SPACING_PX: f64 = 6.0;
 /// Convex hulls of the outside, at most.
 const MOST_HULLS: u32 = 24;
 
@@ -39,30 +37,32 @@ pub fn levels(
 ) -> Result<Vec<(PackedFile, Level)>, PackError> {
     let pixel = pixel(pile);
     let mut found: Vec<(PackedFile, Level)> = Vec::new();
-    let mut first = FIRST_ERROR_PX;
+    let (mut first, mut spacing, mut before) = (FIRST_ERROR_PX, SPACING_PX, usize::MAX);
     for number in 0..count {
         let name = format!("static.lod{}.glb", found.len());
-        let (bytes, level) = loop {
+        let kept = loop {
             let error_px = first * COARSER.powi(number as i32);
-            let (surfaces, mut level) = merged(pile, error_px * pixel)?;
+            let all = at_rest(pile, error_px * pixel);
+            if all.triangles() > before / 10 * 9 {
+                // A coarser error does not help: props of a few triangles have none to lose.
+                break None;
+            }
+            before = all.triangles();
+            let (surfaces, mut level) = merged(pile, all, spacing * pixel);
             level.error_px = error_px;
             let bytes = mesh_file(&format!("pile_LOD{}", found.len()), &surfaces, looks, is_compressed)?;
             if number > 0 {
-                break (bytes, level);
+                break Some((bytes, level));
             }
             let model = RenderModel { name: &name, bytes: &bytes, resolve: source.resolve };
             let difference = silhouette_difference(source, &model, PICTURE, &VIEWS)?;
             level.silhouette = Some(difference);
             if difference.farthest_px <= 1 || first <= FIRST_ERROR_PX / f64::from(1 << HALVINGS) {
-                break (bytes, level);
+                break Some((bytes, level));
             }
-            first /= 2.0;
+            (first, spacing, before) = (first / 2.0, spacing / 2.0, usize::MAX);
         };
-        let is_denser = |last: &(PackedFile, Level)| level.triangles * 10 >= last.1.triangles * 9;
-        if found.last().is_some_and(is_denser) {
-            // A coarser error does not help: props of a few triangles have none to lose.
-            continue;
-        }
+        let Some((bytes, level)) = kept else { continue };
         let mut file = PackedFile::new(&name, "static mesh", bytes);
         (file.triangles, file.vertices, file.draws) = (level.triangles, level.vertices, level.draws);
         found.push((file, level));
@@ -106,12 +106,11 @@ pub fn first_error(pile: &PackedPile) -> f64 {
     FIRST_ERROR_PX * pixel(pile)
 }
 
-/// What is seen from outside of all bodies at rest.
-fn merged(pile: &PackedPile, error: f64) -> Result<(Surfaces, Level), PackError> {
-    let mut surfaces = at_rest(pile, error);
+/// What is seen from outside of all bodies at rest; `spacing`: between samples.
+fn merged(pile: &PackedPile, mut surfaces: Surfaces, spacing: f64) -> (Surfaces, Level) {
     let all = surfaces.triangles();
-    let keep = seen(&surfaces)?;
-    surfaces.retain(&keep);
+    let (points, corners) = surfaces.bare();
+    surfaces.retain(&outside::seen(&points, corners.as_chunks().0, spacing));
     let left = surfaces.triangles();
     let level = Level {
         triangles: left,
@@ -122,32 +121,7 @@ fn merged(pile: &PackedPile, error: f64) -> Result<(Surfaces, Level), PackError>
         triangle_share: left as f64 / pile.triangles() as f64,
         silhouette: None,
     };
-    Ok((surfaces, level))
-}
-
-/// Which triangles are seen from any of many directions.
-fn seen(surfaces: &Surfaces) -> Result<Vec<bool>, PackError> {
-    let (points, corners) = surfaces.bare();
-    let mut keep = vec![false; corners.len() / 3];
-    for [about_y, about_x] in TURNS {
-        let turn = DMat3::from_rotation_y(about_y) * DMat3::from_rotation_x(about_x);
-        let turned: Vec<[f32; 3]> =
-            points.iter().map(|p| (turn * DVec3::from(p.map(f64::from))).as_vec3().to_array()).collect();
-        let outer = |pick: fn(DVec3, DVec3) -> DVec3| turned.iter().map(|p| DVec3::from(p.map(f64::from))).reduce(pick);
-        let size = outer(DVec3::max).zip(outer(DVec3::min)).map_or(DVec3::ONE, |(high, low)| high - low);
-        let mut options = HiddenOptions::default();
-        options.pixel_size = size.max_element() / CELLS;
-        let found =
-            remove_hidden_triangles(&corners, Positions::from_packed(&turned), options, &mut Workspace::default())?;
-        // What is left comes in the order of the triangles.
-        let mut left = found.indices.as_chunks::<3>().0.iter().peekable();
-        for (keep, triangle) in keep.iter_mut().zip(corners.as_chunks::<3>().0) {
-            if left.next_if(|next| *next == triangle).is_some() {
-                *keep = true;
-            }
-        }
-    }
-    Ok(keep)
+    (surfaces, level)
 }
 
 fn mesh_file(name: &str, surfaces: &Surfaces, looks: &Looks, is_compressed: bool) -> Result<Vec<u8>, PackError> {

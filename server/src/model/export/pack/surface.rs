@@ -139,11 +139,8 @@ impl Surface {
             Ok(colors) => colors,
             Err(_) => read.vectors::<3>("COLOR_0")?.map(rgb),
         };
-        let mut surface = Surface {
-            has_coordinates: coordinates.is_some(),
-            has_colors: colors.is_some(),
-            ..Surface::default()
-        };
+        let mut surface =
+            Surface { has_coordinates: coordinates.is_some(), has_colors: colors.is_some(), ..Surface::default() };
         let single = |value: f64| value as f32;
         let vertex = |i: usize, normal: [f64; 3]| Vertex {
             position: read.points[i].as_vec3().to_array(),
@@ -210,9 +207,8 @@ impl Surface {
 
     fn simplified(&self, error: f64) -> Surface {
         let positions: Vec<[f32; 3]> = self.vertices.iter().map(|vertex| vertex.position).collect();
-        let attributes: Vec<f32> = (self.vertices.iter())
-            .flat_map(|vertex| vertex.normal.into_iter().chain(vertex.coordinates))
-            .collect();
+        let attributes: Vec<f32> =
+            (self.vertices.iter()).flat_map(|vertex| vertex.normal.into_iter().chain(vertex.coordinates)).collect();
         let corners = self.triangles.as_flattened();
         // Beyond the library's bounds of work and memory, the mesh stays as it is: that only costs triangles.
         let simplify = || {
@@ -244,13 +240,15 @@ impl Surface {
             let (first, differs) = coordinates.entry(place(vertex)).or_insert((vertex.coordinates, false));
             *differs |= *first != vertex.coordinates;
         }
-        let flag = |vertex: &Vertex| if coordinates[&place(vertex)].1 { VertexFlags::PROTECT } else { VertexFlags::EMPTY };
+        let flag =
+            |vertex: &Vertex| if coordinates[&place(vertex)].1 { VertexFlags::PROTECT } else { VertexFlags::EMPTY };
         self.vertices.iter().map(flag).collect()
     }
 
     /// Puts triangles in the order of the vertex cache and vertices in that of their first use; drops unused ones.
     pub fn tidy(&mut self) {
-        let ordered = optimize_vertex_cache(self.triangles.as_flattened(), self.vertices.len(), &mut Workspace::default());
+        let ordered =
+            optimize_vertex_cache(self.triangles.as_flattened(), self.vertices.len(), &mut Workspace::default());
         if let Ok(ordered) = ordered {
             self.triangles = ordered.as_chunks().0.to_vec();
         }

@@ -1,5 +1,5 @@
-"""mcp.py PROGRAM ASSETS: `cairn mcp` by the stock client of the Model Context Protocol (PyPI: mcp): each tool answers with
-the type that it states, a bake reports progress, a wrong scene is explained, and a call that is cancelled ends."""
+"""agents.py PROGRAM ASSETS: `cairn mcp` by the stock client of the Model Context Protocol (PyPI: mcp): each tool answers
+with the type that it states, a bake reports progress, a wrong scene is explained, and a call that is cancelled ends."""
 
 import asyncio
 import pathlib
@@ -36,7 +36,7 @@ async def main(work):
 
         assert (await call("check", scene)).structuredContent["ok"]
         wrong = (await call("check", scene | {"props": [str(assets / "cone.glb")]})).structuredContent
-        assert not wrong["ok"] and wrong["problems"][0]["remedy"], wrong
+        assert not wrong["ok"] and "larger than the control mesh" in wrong["problems"][0]["what"], wrong
         plan = (await call("plan", scene)).structuredContent
         assert plan["plan"]["expected_bodies"] == 12 and plan["most_result_bytes"]["glb"] > 0
 
@@ -57,7 +57,9 @@ async def main(work):
         assert [part.type for part in picture.content] == ["text", "image"]
         ranking = (await call("rank", {"folder": str(work / "out")})).structuredContent["ranking"]
         assert [entry["place"] for entry in ranking] == [1] and ranking[0]["figures"]["bodies"] > 0
-        analysis = (await call("analyse", {"pile": str(assets / "stacks/table.glb"), "scenery": ["table"]})).structuredContent
+        analysis = (
+            await call("analyse", {"pile": str(assets / "stacks/table.glb"), "scenery": ["table"]})
+        ).structuredContent
         assert analysis["stands"] and analysis["bodies"][0]["name"]
         pack = (await call("pack", {"pile": pile, "output": str(work / "pack")})).structuredContent
         assert {file["file"] for file in pack["files"]} >= {"static.lod0.glb", "skinned.glb"}
@@ -66,7 +68,9 @@ async def main(work):
         lost = await session.call_tool("render", {"pile": "--glue", "output": str(work / "no.png")})
         assert lost.isError and "no such file" in lost.content[0].text, lost.content
         try:
-            await asyncio.wait_for(session.call_tool("bake", scene | {"set": [], "output": str(work / "late.glb")}), 0.3)
+            await asyncio.wait_for(
+                session.call_tool("bake", scene | {"set": [], "output": str(work / "late.glb")}), 0.3
+            )
         except TimeoutError:
             pass
         print(f"cairn mcp: {len(tools)} tools, {len(told)} notes of progress")
