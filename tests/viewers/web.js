@@ -16,11 +16,15 @@ async function check() {
   const { bodies } = pile.manifest;
   const { scene, animations } = await new GLTFLoader().loadAsync("/work/pile.glb");
   const mixer = new THREE.AnimationMixer(scene);
-  for (const clip of animations) {
-    const action = mixer.clipAction(clip).setLoop(THREE.LoopOnce);
-    action.clampWhenFinished = true;
-    action.play();
-  }
+  const play = (moment) => {
+    // An action that has come to its end stays there unless it is begun again.
+    for (const clip of animations) {
+      const action = mixer.clipAction(clip).setLoop(THREE.LoopOnce).reset();
+      action.clampWhenFinished = true;
+      action.play();
+    }
+    mixer.setTime(moment);
+  };
   const nodes = scene.getObjectByName("pile").children;
   if (nodes.length !== bodies) throw new Error(`${nodes.length} nodes, ${bodies} bodies`);
   // The half diagonal of the largest prop.
@@ -55,7 +59,7 @@ async function check() {
     renderer.render(new THREE.Scene().add(quad), new THREE.Camera());
     renderer.readRenderTargetPixels(target, 0, 0, width, height, read);
     renderer.setRenderTarget(null);
-    mixer.setTime(moment);
+    play(moment);
     scene.updateMatrixWorld(true);
     first ??= read.slice();
     nodes.forEach((node, body) => {
@@ -72,7 +76,7 @@ async function check() {
   const picture = renderer.domElement.toDataURL("image/png");
   // The page itself: what its picture covers, against that of the animation.
   const ours = covered(renderer);
-  mixer.setTime(0.5 * seconds);
+  play(0.5 * seconds);
   page.remove(pile.object);
   page.add(scene);
   renderer.render(page, camera);

@@ -17,7 +17,7 @@ use std::collections::{BTreeMap, BTreeSet};
 const KEPT: [&str; 4] = ["POSITION", "NORMAL", "TEXCOORD_0", "COLOR_0"];
 /// Numbers of a vertex besides its position that count in a simplification, and what an error of 1 in each weighs,
 /// in sizes of the mesh: a normal of three, texture coordinates of two.
-const WEIGHTS: [f32; 5] = [0.05, 0.05, 0.05, 0.5, 0.5];
+const WEIGHTS: [f32; 5] = [0.01, 0.01, 0.01, 0.1, 0.1];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Vertex {
