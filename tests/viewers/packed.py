@@ -23,7 +23,8 @@ def load(name):
 
 
 # Where the vertices of the skinned mesh are in each frame, by joint: where the table's pose takes those at rest.
-(mesh,) = load("skinned.glb")
+# Beside the shape that Blender gives to its bones.
+(mesh,) = (thing for thing in load("skinned.glb") if thing.vertex_groups)
 names = [group.name for group in mesh.vertex_groups]
 joints = [names[vertex.groups[0].group] for vertex in mesh.data.vertices]
 bodies = {entry["name"]: number for number, entry in enumerate(table["bodies"])}
