@@ -1,10 +1,13 @@
-"""agents.py PROGRAM ASSETS: `cairn mcp` by the stock client of the Model Context Protocol (PyPI: mcp): each tool answers
-with the type that it states, a bake reports progress, a wrong scene is explained, and a call that is cancelled ends."""
+"""agents.py PROGRAM ASSETS: `cairn mcp` by the stock client of the Model Context Protocol (PyPI, mcp): each tool gives
+the type that it states, a bake reports progress, a wrong scene is explained, and a call that is cancelled ends."""
 
 import asyncio
+import json
 import pathlib
+import subprocess
 import sys
 import tempfile
+import time
 
 import jsonschema
 from mcp import ClientSession, StdioServerParameters
@@ -40,18 +43,18 @@ async def main(work):
         plan = (await call("plan", scene)).structuredContent
         assert plan["plan"]["expected_bodies"] == 12 and plan["most_result_bytes"]["glb"] > 0
 
-        told = []
+        notes = []
 
         async def follow(progress, total, message):
-            told.append((progress, total, message))
+            notes.append((progress, total, message))
 
         pile = str(work / "out" / "pile.glb")
         report = str(work / "out" / "pile.report.json")
         (work / "out").mkdir()
         bake = await call("bake", scene | {"output": pile, "report": report}, progress_callback=follow)
         assert 0 < bake.structuredContent["bodies"] <= 12 and "kept_shape" in bake.structuredContent["measures"]
-        shares = [progress for progress, _, _ in told]
-        assert shares and shares == sorted(shares) and all(total == 1 for _, total, _ in told), told
+        shares = [progress for progress, _, _ in notes]
+        assert shares and shares == sorted(shares) and all(total == 1 for _, total, _ in notes), notes
 
         picture = await call("render", {"pile": pile, "output": str(work / "pile.png"), "size": "80x60"})
         assert [part.type for part in picture.content] == ["text", "image"]
@@ -67,14 +70,40 @@ async def main(work):
         # A name is never a flag, and what is missing is an error of the tool, not of the protocol.
         lost = await session.call_tool("render", {"pile": "--glue", "output": str(work / "no.png")})
         assert lost.isError and "no such file" in lost.content[0].text, lost.content
-        try:
-            await asyncio.wait_for(
-                session.call_tool("bake", scene | {"set": [], "output": str(work / "late.glb")}), 0.3
-            )
-        except TimeoutError:
-            pass
-        print(f"cairn mcp: {len(tools)} tools, {len(told)} notes of progress")
+        print(f"cairn mcp: {len(tools)} tools, {len(notes)} notes of progress")
+
+
+def cancel(work):
+    """A bake that is cancelled ends its process, and leaves nothing behind."""
+    with subprocess.Popen([program, "mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+
+        def send(method, **message):
+            server.stdin.write(json.dumps({"jsonrpc": "2.0", "method": method} | message) + "\n")
+            server.stdin.flush()
+
+        def children():
+            return pathlib.Path(f"/proc/{server.pid}/task/{server.pid}/children").read_text().split()
+
+        def wait(until):
+            end = time.monotonic() + 60
+            while not until():
+                assert time.monotonic() < end, "nothing happens"
+                time.sleep(0.02)
+
+        client = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "0"}}
+        send("initialize", id=1, params=client)
+        server.stdout.readline()
+        send("notifications/initialized")
+        arguments = scene | {"accuracy": "reference", "set": [], "output": str(work / "late.glb")}
+        send("tools/call", id=2, params={"name": "bake", "arguments": arguments})
+        wait(children)
+        send("notifications/cancelled", params={"requestId": 2})
+        wait(lambda: not children())
+        server.stdin.close()
+        server.wait(60)
+    assert not list(work.glob("late*"))
 
 
 with tempfile.TemporaryDirectory() as folder:
+    cancel(pathlib.Path(folder))
     asyncio.run(main(pathlib.Path(folder)))

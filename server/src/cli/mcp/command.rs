@@ -167,8 +167,11 @@ impl Cairn {
                 let (stdout, messages, status) = done.map_err(fail)?;
                 Ok(Done { status, stdout, messages })
             }
-            // The process is killed as its handle is dropped. Results appear complete or not at all.
-            () = context.ct.cancelled() => Err("cancelled".into()),
+            // Results appear complete or not at all.
+            () = context.ct.cancelled() => {
+                child.kill().await.map_err(fail)?;
+                Err("cancelled".into())
+            }
         }
     }
 }

@@ -35,9 +35,9 @@ pub struct Args {}
 const MOST_PICTURE: usize = 1 << 20;
 
 const INSTRUCTIONS: &str = "\
-Cairn bakes piles of props in the shape of a closed mesh. Call check or plan first: they say what is wrong with a scene \
-and what a bake will take. Then bake, and render to look at the result. A scene is a file (.toml or .json), or control \
-meshes and props by path; `set` changes any field, such as fill.count=200. Lengths are metres, Y is up.";
+Cairn bakes piles of props in the shape of a closed mesh. Call check or plan first: they say what is wrong with a \
+scene and what a bake will take. Then bake, and render to look at the result. A scene is a file (.toml or .json), or \
+control meshes and props by path; `set` changes any field, such as fill.count=200. Lengths are metres, Y is up.";
 
 pub fn run(_: &Args) -> Result<(), Failure> {
     let internal = |error: &dyn std::fmt::Display| Failure::Internal(error.to_string());
@@ -93,7 +93,10 @@ impl Cairn {
     }
 
     /// Renders a picture of a pile, .png or .jpg, and shows it
-    #[tool(annotations(destructive_hint = true, idempotent_hint = true), output_schema = schema_for_type::<PictureResult>())]
+    #[tool(
+        annotations(destructive_hint = true, idempotent_hint = true),
+        output_schema = schema_for_type::<PictureResult>()
+    )]
     async fn render(
         &self,
         Parameters(args): Parameters<RenderArgs>,

@@ -35,8 +35,8 @@ pub fn layout(pile: &PackedPile) -> Result<MotionLayout, String> {
     let width = frames * bodies.div_ceil(ROWS);
     if width > COLUMNS {
         return Err(format!(
-            "the motion is left out: {bodies} bodies in {frames} frames need a texture {width} texels wide, and graphics \
-             cards take {COLUMNS}; bake fewer frames"
+            "the motion is left out: {bodies} bodies in {frames} frames need a texture {width} texels wide, and \
+             graphics cards take {COLUMNS}; bake fewer frames"
         ));
     }
     Ok(MotionLayout { fps: pile.fps, frames, bodies, width, height: rows, rows })
