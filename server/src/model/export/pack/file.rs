@@ -73,6 +73,9 @@ impl Looks {
     }
 }
 
+/// Adds attributes of vertices to those of their primitive.
+pub type AddAttributes<'a, 'f> = dyn FnMut(&mut GltfFile<'a>, &[Vertex], &mut Object) -> Result<(), PackError> + 'f;
+
 /// A file while it grows.
 pub struct GltfFile<'a> {
     pub out: GlbOutput,
@@ -157,7 +160,7 @@ impl<'a> GltfFile<'a> {
         &mut self,
         name: &str,
         surfaces: &Surfaces,
-        more: &mut dyn FnMut(&mut Self, &[Vertex], &mut Object) -> Result<(), PackError>,
+        more: &mut AddAttributes<'a, '_>,
     ) -> Result<usize, PackError> {
         let mut primitives = Vec::new();
         for (material, surface) in &surfaces.0 {

@@ -146,6 +146,9 @@ pub enum PackError {
     Io(#[from] std::io::Error),
 }
 
+/// Adds files to a pack.
+type Step<'s> = dyn Fn(&mut Manifest) -> Result<(), PackError> + 's;
+
 /// Packs a result, which is glTF. `is_wanted` is asked between two files; `false` ends the work.
 pub fn pack(
     result: &RenderModel,
@@ -169,7 +172,7 @@ pub fn pack(
         motion: None,
         left_out,
     };
-    let steps: [&dyn Fn(&mut Manifest) -> Result<(), PackError>; 5] = [
+    let steps: [&Step; 5] = [
         &|manifest| {
             let levels = still::levels(&pile, result, &looks, (options.levels, options.is_compressed))?;
             for (file, level) in levels {
