@@ -12,7 +12,7 @@ An error raises `Fault`; its `problems` lists all errors of a scene.
 """
 
 from .asynchronous import AsyncBake, AsyncClient, Event
-from .program import analyse, program, serve
+from .program import analyse, pack, program, serve
 from .request import Request, read
 from .synchronous import Bake, Client
 from .wire.client import Fault, Problem
@@ -30,6 +30,7 @@ __all__ = [
     "Request",
     "Snapshot",
     "analyse",
+    "pack",
     "program",
     "read",
     "serve",

@@ -72,6 +72,25 @@ def analyse(
         command += [word for name in names for word in (flag, name)]
     numbers = {"--friction": friction, "--density": density, "--ground": ground, "--safety": safety}
     command += [f"{flag}={number}" for flag, number in numbers.items() if number is not None]
+    return _answers(command)
+
+
+def pack(
+    pile: str | os.PathLike[str], folder: str | os.PathLike[str], *, levels: int | None = None, meshopt: bool = False
+) -> dict[str, Any]:
+    """Packs a `.glb` of a bake for games and the web into a folder, and gives its manifest, as `cairn pack` does.
+
+    `levels`: levels of detail at most; None: as the program does by default. `meshopt`: meshes are compressed by
+    EXT_meshopt_compression.
+    """
+    command = [str(program()), "pack", os.fspath(pile), "--json", f"--output={os.fspath(folder)}"]
+    command += [f"--levels={levels}"] if levels is not None else []
+    command += ["--meshopt"] if meshopt else []
+    return _answers(command)
+
+
+def _answers(command: list[str]) -> dict[str, Any]:
+    """What a command prints as JSON."""
     done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", errors="replace")
     if done.returncode != 0:
         raise Fault(done.stderr.strip().removeprefix("error: "))

@@ -111,6 +111,7 @@ fn help_and_version() {
         "completions",
         "doctor",
         "man",
+        "pack",
         "plan",
         "render",
         "scene",

@@ -7,6 +7,7 @@ mod files;
 mod glue;
 mod losses;
 mod mjcf;
+mod pack;
 mod physics;
 mod reader;
 mod render;

@@ -16,7 +16,9 @@ mod failure;
 mod goal;
 mod interrupt;
 mod man;
+mod mcp;
 mod output;
+mod pack;
 mod panic;
 mod plan;
 mod progress;
@@ -66,6 +68,8 @@ enum Command {
     Cost(cost::Args),
     Doctor(doctor::Args),
     Man(man::Args),
+    Mcp(mcp::Args),
+    Pack(pack::Args),
     Plan(plan::Args),
     Rank(rank::Args),
     Render(render::Args),
@@ -148,6 +152,8 @@ pub fn main() -> ExitCode {
         Command::Cost(args) => cost::run(&args),
         Command::Doctor(args) => doctor::run(&args),
         Command::Man(args) => man::run(&args),
+        Command::Mcp(args) => mcp::run(&args),
+        Command::Pack(args) => pack::run(&args),
         Command::Plan(args) => plan::run(&args),
         Command::Rank(args) => rank::run(&args),
         Command::Render(args) => render::run(&args),

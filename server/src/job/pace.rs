@@ -47,8 +47,13 @@ impl StagePace {
 
 /// Overall progress of a bake, 0 to 1, by the stages' usual shares of the time. It never falls.
 pub fn overall(progress: &Progress) -> f64 {
+    overall_at(progress.stage, progress.fraction)
+}
+
+/// The same at a fraction of a stage.
+pub fn overall_at(stage: Stage, fraction: f64) -> f64 {
     // The share before the stage, and the stage's own.
-    let (before, share) = match progress.stage {
+    let (before, share) = match stage {
         Stage::Shape => (0.0, 0.02),
         Stage::Fill => (0.02, 0.58),
         Stage::Glue => (0.6, 0.1),
@@ -56,7 +61,7 @@ pub fn overall(progress: &Progress) -> f64 {
         Stage::Hold => (0.85, 0.1),
         Stage::Measure => (0.95, 0.05),
     };
-    before + share * progress.fraction.clamp(0.0, 1.0)
+    before + share * fraction.clamp(0.0, 1.0)
 }
 
 pub fn name(stage: Stage) -> &'static str {

@@ -272,7 +272,7 @@ impl<'a> Copier<'a> {
         Ok(new)
     }
 
-    fn material(&mut self, index: usize, out: &mut GlbOutput) -> Result<usize, DocumentError> {
+    pub fn material(&mut self, index: usize, out: &mut GlbOutput) -> Result<usize, DocumentError> {
         self.once("materials", index, out, |source, material, out| {
             let name = material.get("name").and_then(Value::as_str).filter(|name| !name.is_empty());
             source.material = name.map_or_else(|| index.to_string(), str::to_owned);

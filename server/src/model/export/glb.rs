@@ -23,7 +23,7 @@
 //! every player and importer follows. Moving scenery is moved by the same animation.
 
 mod hulls;
-mod motion;
+pub(super) mod motion;
 mod physics;
 
 use super::copy::GlbOutput;

@@ -64,6 +64,11 @@ impl LeftOut {
         self.images.push(image);
     }
 
+    /// Whether an image is among it.
+    pub fn has_images(&self) -> bool {
+        !self.images.is_empty()
+    }
+
     pub fn broken(&mut self, what: String, error: &DocumentError) {
         self.broken.entry(clip(&what)).or_insert_with(|| clip(&error.to_string()));
     }

@@ -10,6 +10,7 @@ mod glue;
 mod hierarchy;
 mod left_out;
 mod mjcf;
+pub mod pack;
 mod physics;
 mod size;
 mod sources;

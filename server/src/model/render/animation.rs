@@ -32,44 +32,88 @@ pub fn duration(document: &Document) -> Result<f64, DocumentError> {
 
 /// Sets the animated nodes' transforms to those at a moment.
 pub fn apply(document: &Document, seconds: f64, locals: &mut [LocalTransform]) -> Result<(), DocumentError> {
-    let mut inputs: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-    for channel in channels(document) {
-        let Some(local) = locals.get_mut(channel.node) else { continue };
-        if let std::collections::btree_map::Entry::Vacant(slot) = inputs.entry(channel.input) {
-            slot.insert(document.vectors::<1>(channel.input)?.into_iter().map(|[t]| t).collect());
-        }
-        let times = &inputs[&channel.input];
-        if times.is_empty() {
-            continue;
-        }
-        match channel.path {
-            Property::Translation => local.translation = channel.value::<3>(document, times, seconds)?.truncate(),
-            Property::Scale => local.scale = channel.value::<3>(document, times, seconds)?.truncate(),
-            _ => local.rotation = unit(DQuat::from_vec4(channel.value::<4>(document, times, seconds)?)),
-        }
-    }
+    Motion::read(document)?.apply(seconds, locals);
     Ok(())
 }
 
-impl SampledChannel {
-    /// The value at a moment. If it has three components, the fourth is zero.
-    fn value<const N: usize>(&self, document: &Document, times: &[f64], seconds: f64) -> Result<DVec4, DocumentError> {
-        let keys = document.vectors::<N>(self.output)?;
-        let per_key = if matches!(self.interpolation, Interpolation::CubicSpline) { 3 } else { 1 };
-        if keys.len() < times.len() * per_key {
-            return Err(DocumentError::malformed("accessors", self.output, "has fewer keys than its times"));
+/// The keys of all channels, read once.
+pub struct Motion {
+    tracks: Vec<KeyTrack>,
+    /// Keyed moments, by their accessors.
+    inputs: BTreeMap<usize, Vec<f64>>,
+}
+
+struct KeyTrack {
+    channel: SampledChannel,
+    /// Those of three components have a zero behind.
+    keys: Vec<DVec4>,
+}
+
+impl Motion {
+    pub fn read(document: &Document) -> Result<Motion, DocumentError> {
+        let mut inputs: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
+        let mut tracks = Vec::new();
+        let nodes = document.array("nodes").len();
+        for channel in channels(document).into_iter().filter(|channel| channel.node < nodes) {
+            if let std::collections::btree_map::Entry::Vacant(slot) = inputs.entry(channel.input) {
+                slot.insert(document.vectors::<1>(channel.input)?.into_iter().map(|[t]| t).collect());
+            }
+            let times = inputs[&channel.input].len();
+            if times == 0 {
+                continue;
+            }
+            let keys = match channel.path {
+                Property::Rotation => keys::<4>(document, channel.output)?,
+                _ => keys::<3>(document, channel.output)?,
+            };
+            if keys.len() < times * channel.values_per_key() {
+                return Err(DocumentError::malformed("accessors", channel.output, "has fewer keys than its times"));
+            }
+            tracks.push(KeyTrack { channel, keys });
         }
-        let key = |i: usize| DVec4::from_array(std::array::from_fn(|c| keys[i].get(c).copied().unwrap_or(0.0)));
+        Ok(Motion { tracks, inputs })
+    }
+
+    /// Sets the animated nodes' transforms to those at a moment.
+    pub fn apply(&self, seconds: f64, locals: &mut [LocalTransform]) {
+        for track in &self.tracks {
+            let Some(local) = locals.get_mut(track.channel.node) else { continue };
+            let value = track.value(&self.inputs[&track.channel.input], seconds);
+            match track.channel.path {
+                Property::Translation => local.translation = value.truncate(),
+                Property::Scale => local.scale = value.truncate(),
+                _ => local.rotation = unit(DQuat::from_vec4(value)),
+            }
+        }
+    }
+}
+
+fn keys<const N: usize>(document: &Document, output: usize) -> Result<Vec<DVec4>, DocumentError> {
+    let wide = |key: [f64; N]| DVec4::from_array(std::array::from_fn(|c| key.get(c).copied().unwrap_or(0.0)));
+    Ok(document.vectors::<N>(output)?.into_iter().map(wide).collect())
+}
+
+impl SampledChannel {
+    fn values_per_key(&self) -> usize {
+        if matches!(self.interpolation, Interpolation::CubicSpline) { 3 } else { 1 }
+    }
+}
+
+impl KeyTrack {
+    /// The value at a moment.
+    fn value(&self, times: &[f64], seconds: f64) -> DVec4 {
+        let per_key = self.channel.values_per_key();
+        let key = |i: usize| self.keys[i];
         let next = times.partition_point(|&t| t <= seconds);
         let before = next.saturating_sub(1);
         if next == 0 || next == times.len() {
-            return Ok(key(if per_key == 3 { 3 * before + 1 } else { before }));
+            return key(if per_key == 3 { 3 * before + 1 } else { before });
         }
         let span = times[next] - times[before];
         let share = if span > 0.0 { (seconds - times[before]) / span } else { 0.0 };
-        Ok(match self.interpolation {
+        match self.channel.interpolation {
             Interpolation::Step => key(before),
-            Interpolation::Linear if N == 4 => {
+            Interpolation::Linear if matches!(self.channel.path, Property::Rotation) => {
                 let [from, to] = [before, next].map(|i| unit(DQuat::from_vec4(key(i))));
                 DVec4::from(from.slerp(to, share))
             }
@@ -81,7 +125,7 @@ impl SampledChannel {
                     + key(3 * next + 1) * (3.0 * s2 - 2.0 * s3)
                     + key(3 * next) * (span * (s3 - s2))
             }
-        })
+        }
     }
 }
 

@@ -7,6 +7,7 @@ mod library;
 pub(in crate::model) mod nodes;
 mod ray_scene;
 mod shade;
+mod silhouette;
 mod texture;
 
 use cairn_gltf::document::DocumentError;
@@ -20,6 +21,7 @@ use library::Library;
 use nodes::PlacedMesh;
 use ray_scene::RayScene;
 use shade::RenderJob;
+pub use silhouette::{SilhouetteDifference, silhouette_difference};
 use std::collections::BTreeSet;
 use texture::Material;
 

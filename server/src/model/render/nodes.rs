@@ -5,11 +5,13 @@ use cairn_gltf::Document;
 use cairn_gltf::document::{self, DocumentError, LocalTransform, Object, reference, references};
 use glam::{DAffine3, DMat4};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 /// The name of the node that holds the bodies.
 pub const PILE: &str = "pile";
 
 /// A mesh somewhere in the world.
+#[derive(Clone, Copy)]
 pub struct PlacedMesh {
     pub mesh: usize,
     pub world: DAffine3,
@@ -22,26 +24,42 @@ pub struct PlacedMesh {
 /// Every mesh of the default scene, `seconds` into the first animation.
 pub fn placed(document: &Document, seconds: f64) -> Result<Vec<PlacedMesh>, DocumentError> {
     let locals = locals(document, seconds)?;
-    let mut seen = vec![false; locals.len()];
+    let roots = document.roots().into_iter().rev().map(|r| (r, DAffine3::IDENTITY, false, None)).collect();
+    let mut placed = walk(document, |node| locals[node], roots)?;
+    // A scale of 0 hides a node.
+    placed.retain(|one| one.world.matrix3.determinant() != 0.0);
+    Ok(placed)
+}
+
+/// Every mesh of a node and of those below it, in the node's own frame.
+pub fn below(document: &Document, node: usize, locals: &[DAffine3]) -> Result<Vec<PlacedMesh>, DocumentError> {
+    // Its own transform may have no inverse, so it is not taken in at all.
+    let local = |at: usize| if at == node { DAffine3::IDENTITY } else { locals[at] };
+    walk(document, local, vec![(node, DAffine3::IDENTITY, true, None)])
+}
+
+/// From these nodes, the last one first: with the transform above each, whether it is in the pile, and its body.
+fn walk(
+    document: &Document,
+    local: impl Fn(usize) -> DAffine3,
+    mut open: Vec<(usize, DAffine3, bool, Option<usize>)>,
+) -> Result<Vec<PlacedMesh>, DocumentError> {
+    let mut seen = BTreeSet::new();
     let mut placed = Vec::new();
     let pile = pile(document).map(|(index, _)| index);
-    let mut open: Vec<(usize, DAffine3, bool, Option<usize>)> =
-        document.roots().into_iter().rev().map(|r| (r, DAffine3::IDENTITY, false, None)).collect();
     while let Some((index, above, in_pile, body)) = open.pop() {
         let node = document.get("nodes", index)?;
-        if std::mem::replace(&mut seen[index], true) || document::is_hidden(node) {
+        if !seen.insert(index) || document::is_hidden(node) {
             continue;
         }
-        let world = above * locals[index];
+        let world = above * local(index);
         let in_pile = in_pile || node.get("name").and_then(Value::as_str) == Some(PILE);
         if let Some(mesh) = reference(node, "mesh") {
             let copies = match document.instances(node)? {
                 Some(copies) => copies.into_iter().map(|copy| world * copy.affine()).collect(),
                 None => vec![world],
             };
-            // A scale of 0 hides a node.
-            let seen = copies.into_iter().filter(|world| world.matrix3.determinant() != 0.0);
-            placed.extend(seen.map(|world| PlacedMesh { mesh, world, in_pile, body }));
+            placed.extend(copies.into_iter().map(|world| PlacedMesh { mesh, world, in_pile, body }));
         }
         let children = references(node, "children").into_iter().enumerate().rev();
         let body_of = |k: usize| body.or((pile == Some(index)).then_some(k));

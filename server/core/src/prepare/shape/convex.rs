@@ -27,6 +27,8 @@ const FEW_CORNERS: usize = 16;
 const SKETCH_POINTS: usize = 48;
 /// A ray passes a triangle of a mesh of size 1 no farther outside of its box, by rounding.
 const BOX_ROUNDING: f32 = 1e-5;
+/// How far a corner may stand out of an outer hull of a mesh of size 1.
+const OUTER_TOLERANCE: f32 = 0.01;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
 
@@ -186,6 +188,31 @@ impl<'a> Unit<'a> {
         let parts: Vec<Part> = solid.map(|points| Part::of(&points)).filter(|p| p.coarse.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
+}
+
+/// At most `most` convex solids that together hold a mesh and the room that it surrounds, with few corners each: one
+/// around all where no split succeeds. For what looks at a pile from outside; nothing is simulated with them here.
+pub fn outer_hulls(mesh: &TriMesh, most: u32) -> Vec<TriMesh> {
+    let (low, high) = mesh.bounds();
+    let (middle, size) = ((low + high) / 2.0, (high - low).max_element());
+    let points: Vec<Vector> = mesh.points.iter().map(|p| ((*p - middle) / size).as_vec3()).collect();
+    let fill_mode = FillMode::FloodFill { detect_cavities: false };
+    let params = VHACDParameters { max_convex_hulls: most, fill_mode, ..VHACDParameters::default() };
+    let split = catch_unwind(AssertUnwindSafe(|| {
+        let split = VHACD::decompose(&params, &points, &mesh.triangles, true);
+        split.compute_exact_convex_hulls(&points, &mesh.triangles)
+    }));
+    let mut parts: Vec<Vec<Vector>> = split.map_or(Vec::new(), |parts| parts.into_iter().map(|(p, _)| p).collect());
+    parts.retain(|part| part.len() >= 4);
+    if parts.is_empty() || parts.len() > most as usize {
+        parts = vec![points];
+    }
+    let solid = |part: Vec<Vector>| {
+        let corners: Vec<DVec3> =
+            reduced(&part, OUTER_TOLERANCE).iter().map(|p| middle + p.as_dvec3() * size).collect();
+        hull_mesh(&corners)
+    };
+    parts.into_iter().map(solid).filter(|hull| !hull.triangles.is_empty()).collect()
 }
 
 /// Corners and triangles of the hull. `None` where the points have none: flat, fewer than four, or a panic of the

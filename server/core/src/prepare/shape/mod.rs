@@ -31,7 +31,7 @@ use rapier3d::prelude::{MassProperties, SharedShape};
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
 
-pub use convex::hull_mesh;
+pub use convex::{hull_mesh, outer_hulls};
 pub use corners::corners;
 pub use fit::{OrientedBox, oriented_box};
 pub use hull::{Facet, Hull};

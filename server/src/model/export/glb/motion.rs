@@ -29,7 +29,7 @@ pub fn animate(bake: &BakedPile, pile: usize, moving: &[(usize, usize)], out: &m
 
 /// The key data of all channels. One buffer view each for times, translations and rotations.
 #[derive(Default)]
-struct Keys {
+pub struct Keys {
     /// Sets of keyed frames, shared by all channels that have the same.
     frame_sets: BTreeMap<Vec<u32>, usize>,
     channels: Vec<AnimationChannelOut>,
@@ -47,7 +47,7 @@ struct AnimationChannelOut {
 }
 
 impl Keys {
-    fn add_motion<P: Iterator<Item = Pose>>(&mut self, node: usize, poses: impl Fn() -> P) {
+    pub fn add_motion<P: Iterator<Item = Pose>>(&mut self, node: usize, poses: impl Fn() -> P) {
         if let Some(track) = tracks::thin(&tracks::translations(poses())) {
             self.add(node, "translation", &track);
         }
@@ -56,7 +56,7 @@ impl Keys {
         }
     }
 
-    fn add<const N: usize>(&mut self, node: usize, path: &'static str, track: &Track<N>) {
+    pub fn add<const N: usize>(&mut self, node: usize, path: &'static str, track: &Track<N>) {
         let next = self.frame_sets.len();
         let frame_set = *self.frame_sets.entry(track.frames.clone()).or_insert(next);
         let values = &mut self.values[N - 3];
@@ -66,7 +66,7 @@ impl Keys {
         self.channels.push(channel);
     }
 
-    fn write(self, fps: f64, out: &mut GlbOutput) {
+    pub fn write(self, fps: f64, out: &mut GlbOutput) {
         let mut sets: Vec<(usize, Vec<u32>)> = self.frame_sets.into_iter().map(|(f, n)| (n, f)).collect();
         sets.sort();
         let time = |frame: u32| (f64::from(frame) / fps) as f32;
