@@ -27,8 +27,6 @@ const FEW_CORNERS: usize = 16;
 const SKETCH_POINTS: usize = 48;
 /// A ray passes a triangle of a mesh of size 1 no farther outside of its box, by rounding.
 const BOX_ROUNDING: f32 = 1e-5;
-/// How far a corner may stand out of an outer hull of a mesh of size 1.
-const OUTER_TOLERANCE: f32 = 0.01;
 /// Points sampled on each surface to measure the deviation.
 const DEVIATION_SAMPLES: usize = 600;
 
@@ -177,42 +175,22 @@ impl<'a> Unit<'a> {
         // The inside of an open mesh counts, too. Where a hole is wider than a voxel, the parts are of its surface.
         let fill_mode = FillMode::FloodFill { detect_cavities: false };
         let params = VHACDParameters { concavity, fill_mode, ..VHACDParameters::default() };
-        // The library panics on some dirty meshes; one hull is then the answer, and the report states its deviation.
-        let parts = catch_unwind(AssertUnwindSafe(|| {
-            let split = VHACD::decompose(&params, &self.points, self.triangles, true);
-            split.compute_exact_convex_hulls(&self.points, self.triangles)
-        }))
-        .ok()?;
+        // Without a split, one hull is the answer, and the report states its deviation.
+        let parts = split(&params, &self.points, self.triangles)?;
         // A part of an open mesh may have no corner at all.
-        let solid = parts.into_iter().map(|(points, _)| points).filter(|points| points.len() >= 4);
+        let solid = parts.into_iter().filter(|points| points.len() >= 4);
         let parts: Vec<Part> = solid.map(|points| Part::of(&points)).filter(|p| p.coarse.len() >= 4).collect();
         (!parts.is_empty() && parts.len() <= max_parts as usize).then_some(parts)
     }
 }
 
-/// At most `most` convex solids that together hold a mesh and the room that it surrounds, with few corners each: one
-/// around all where no split succeeds. For what looks at a pile from outside; nothing is simulated with them here.
-pub fn outer_hulls(mesh: &TriMesh, most: u32) -> Vec<TriMesh> {
-    let (low, high) = mesh.bounds();
-    let (middle, size) = ((low + high) / 2.0, (high - low).max_element());
-    let points: Vec<Vector> = mesh.points.iter().map(|p| ((*p - middle) / size).as_vec3()).collect();
-    let fill_mode = FillMode::FloodFill { detect_cavities: false };
-    let params = VHACDParameters { max_convex_hulls: most, fill_mode, ..VHACDParameters::default() };
-    let split = catch_unwind(AssertUnwindSafe(|| {
-        let split = VHACD::decompose(&params, &points, &mesh.triangles, true);
-        split.compute_exact_convex_hulls(&points, &mesh.triangles)
+/// The exact hulls of what the mesh is split into. `None` where the library panics, as it does on some dirty meshes.
+pub(super) fn split(params: &VHACDParameters, points: &[Vector], triangles: &[[u32; 3]]) -> Option<Vec<Vec<Vector>>> {
+    let parts = catch_unwind(AssertUnwindSafe(|| {
+        let split = VHACD::decompose(params, points, triangles, true);
+        split.compute_exact_convex_hulls(points, triangles)
     }));
-    let mut parts: Vec<Vec<Vector>> = split.map_or(Vec::new(), |parts| parts.into_iter().map(|(p, _)| p).collect());
-    parts.retain(|part| part.len() >= 4);
-    if parts.is_empty() || parts.len() > most as usize {
-        parts = vec![points];
-    }
-    let solid = |part: Vec<Vector>| {
-        let corners: Vec<DVec3> =
-            reduced(&part, OUTER_TOLERANCE).iter().map(|p| middle + p.as_dvec3() * size).collect();
-        hull_mesh(&corners)
-    };
-    parts.into_iter().map(solid).filter(|hull| !hull.triangles.is_empty()).collect()
+    Some(parts.ok()?.into_iter().map(|(points, _)| points).collect())
 }
 
 /// Corners and triangles of the hull. `None` where the points have none: flat, fewer than four, or a panic of the
@@ -228,7 +206,7 @@ fn hull_points(points: &[Vector]) -> Vec<Vector> {
 
 /// At most [`SKETCH_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
 /// from the hull of those before it, as far as that is more than `tolerance`.
-fn reduced(points: &[Vector], tolerance: f32) -> Vec<Vector> {
+pub(super) fn reduced(points: &[Vector], tolerance: f32) -> Vec<Vector> {
     let extreme = |direction: Vector| {
         let key = |&i: &usize| points[i].dot(direction);
         (0..points.len()).max_by(|a, b| key(a).total_cmp(&key(b))).unwrap_or(0)

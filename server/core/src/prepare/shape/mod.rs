@@ -12,6 +12,7 @@ mod hull;
 mod kind;
 mod mass;
 mod nest;
+mod outer;
 mod round;
 mod size;
 mod summary;
@@ -31,13 +32,14 @@ use rapier3d::prelude::{MassProperties, SharedShape};
 use std::f64::consts::{PI, TAU};
 use std::sync::OnceLock;
 
-pub use convex::{hull_mesh, outer_hulls};
+pub use convex::hull_mesh;
 pub use corners::corners;
 pub use fit::{OrientedBox, oriented_box};
 pub use hull::{Facet, Hull};
 pub use kind::ShapeKind;
 pub use mass::principal;
 pub use nest::NestingPose;
+pub use outer::outer_hulls;
 pub use size::Size;
 pub use summary::{ShapeSummary, summaries};
 
