@@ -39,7 +39,7 @@ async fn a_plan_simulates_nothing() {
     assert_eq!(plan.expected_body_count, 12);
     assert!(plan.expected_step_count > 100 && plan.prop_diameter > 1.0 && plan.stages.len() == 6);
     assert_eq!(plan.estimates.len(), 5);
-    assert!(plan.estimates.iter().all(|e| e.cpu_seconds > 0.0 && e.factor >= 1.0 && e.penetration_mean_rel > 0.0));
+    assert!(plan.estimates.iter().all(|e| e.cpu_seconds > 0.0 && e.factor >= 1.0 && e.overlap_rel >= 0.0));
     assert!(plan.estimates.iter().all(|e| e.glue_dots > 0.0));
     assert!(plan.estimates.iter().all(|e| e.kept_shape_low <= e.kept_shape && e.kept_shape <= e.kept_shape_high));
     assert!(plan.estimates.iter().all(|e| e.kept_shape > 0.9), "as modelled");

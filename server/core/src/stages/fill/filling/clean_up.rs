@@ -15,7 +15,7 @@ const CLEANUP_SETTLE: f64 = 0.5;
 /// In the end, no body reaches deeper into scenery than this, in its thickness.
 const CUTS: f64 = 0.05;
 /// Most steps of depenetration: bodies that overlap after them are locked in.
-const MOST_DEPENETRATION: u64 = 60;
+const MOST_DEPENETRATION: u64 = 160;
 
 impl Filling<'_> {
     /// Distance of the farthest corner of a body outside the container, engine units.
