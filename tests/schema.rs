@@ -69,7 +69,7 @@ fn every_field_has_a_comment() {
 fn the_stated_defaults_are_the_defaults() {
     let mut scene = scene();
     // A bake has no use for a control mesh beside these.
-    for one in ["piles.0.path=cone.glb", "around.0.path=pile.glb", "usd.embed=false"] {
+    for one in ["piles.0.path=cone.glb", "around.0.path=pile.glb", "usd.embed=false", "remove.0.number=0"] {
         scene.set(one).unwrap();
     }
     let message = scene.to_message();
@@ -111,6 +111,9 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
     };
     if path == "bodies.0.kept_until_frame" || path == "bodies.0.kept_until_seconds" {
         scene.set("bodies.0.kept=true").unwrap();
+    }
+    if path == "remove.0.count" {
+        scene.set("remove.0.choice=any").unwrap();
     }
     if scene.set(&format!("{path}={values}")).is_err() {
         return false; // more than the wire holds

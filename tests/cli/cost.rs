@@ -58,7 +58,7 @@ fn a_study_of_a_small_pile() {
     assert!(rows[..4].iter().any(|row| row["errors"]["kept_shape"]["median"] != 0.0), "all are the reference");
     assert!(PRESETS.iter().all(|name| table.contains(&format!("| {name} |"))), "{table}");
     let plot = std::fs::read_to_string(desk.path("study/cost.svg")).unwrap();
-    assert!(plot.contains("overlap: mean over contact pairs") && plot.contains("CPU time, s"));
+    assert!(plot.contains("overlap: 95 of 100 pairs of touching meshes") && plot.contains("CPU time, s"));
     // The recommendation is in the table and above the plot; each preset has one label in each of the three panels.
     assert!(table.contains("Choose `") && plot.contains("Choose "), "{table}");
     assert!(plot.contains("1 seed,"));

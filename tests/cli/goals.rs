@@ -8,22 +8,22 @@ const CROSSED: &str = "
 [[props]]
 path = 'stick.glb'
 [[bodies]]
-prop = 0
+prop = 'stick'
 position = [0, 1, 0]
 kept = true
 [[bodies]]
-prop = 0
+prop = 'stick'
 position = [0, 1, 0]
 rotation = [0, 0.7071068, 0, 0.7071068]
 kept = true
 [[bodies]]
-prop = 0
+prop = 'stick'
 position = [2, 0.1, 0]
 ";
 
 fn accuracy(desk: &Desk) -> String {
     let report: Value = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
-    report["accuracy"].as_str().unwrap().to_lowercase()
+    report["scene"]["accuracy"].as_str().unwrap().to_owned()
 }
 
 fn bake(desk: &Desk, goal: &str) -> Done {

@@ -81,8 +81,8 @@ pub fn keep(
                 None => print_warning("the overlap was not measured: remove report.visible=off from the scene"),
                 Some(overlap) if overlap <= most => {}
                 Some(overlap) if is_last => print_warning(&format!(
-                    "meshes overlap by up to {}, more than {}, at the highest accuracy: make collision shapes closer by \
-                     physics.max_parts, or use simpler props",
+                    "meshes overlap by up to {}, more than {}, at the highest accuracy: use simpler props, or a \
+                     smaller physics.shape_tolerance",
                     length(overlap),
                     length(most)
                 )),

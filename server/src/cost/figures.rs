@@ -9,8 +9,6 @@ pub struct Figure {
     pub title: &'static str,
     /// The name of the report's measure.
     measure: &'static str,
-    /// The measure of runs that do not have that one: kept ones, of an earlier version.
-    before: &'static str,
     /// Whether the value is 1 minus the measure.
     is_complement: bool,
     /// Whether the error is the distance from the value of `reference`.
@@ -19,12 +17,12 @@ pub struct Figure {
 
 impl Figure {
     const fn new(name: &'static str, title: &'static str, measure: &'static str, from_reference: bool) -> Figure {
-        Figure { name, title, measure, before: measure, is_complement: false, from_reference }
+        Figure { name, title, measure, is_complement: false, from_reference }
     }
 
     /// The value of a run, before the comparison with the reference. `measures`: of its report, by name.
     pub fn of(&self, measures: &BTreeMap<String, f64>) -> Option<f64> {
-        let value = *measures.get(self.measure).or_else(|| measures.get(self.before))?;
+        let value = *measures.get(self.measure)?;
         Some(if self.is_complement { 1.0 - value } else { value })
     }
 }
@@ -35,7 +33,6 @@ pub const HEADLINE: [Figure; 3] = [
         name: "overlap",
         title: "overlap: 95 of 100 pairs of touching meshes overlap by no more, in thicknesses",
         measure: "visible_depth_p95_rel",
-        before: "penetration_p95_rel",
         is_complement: false,
         from_reference: false,
     },
@@ -43,7 +40,6 @@ pub const HEADLINE: [Figure; 3] = [
         name: "imbalance",
         title: "imbalance: share of bodies that move once all are released",
         measure: "free_standing_fraction",
-        before: "free_standing_fraction",
         is_complement: true,
         from_reference: false,
     },

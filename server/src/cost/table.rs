@@ -199,7 +199,8 @@ mod tests {
             substeps: 100,
             workload: WORKLOAD,
             seconds: [("fill".to_owned(), cost), ("measure".to_owned(), 50.0)].into(),
-            measures: [("penetration_mean_rel".to_owned(), error * seed as f64), ("shape_iou".to_owned(), kept)].into(),
+            measures: [("visible_depth_p95_rel".to_owned(), error * seed as f64), ("shape_iou".to_owned(), kept)]
+                .into(),
         };
         let variant = StudyVariant { name: name.into(), kind: VariantKind::Preset, set: Vec::new() };
         (variant, [1, 2, 3].map(record).into())

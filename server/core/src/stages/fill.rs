@@ -155,10 +155,7 @@ pub fn run(
         filling.clear_scenery(observer)?;
     }
     filling.world.remove_enclosure(enclosure);
-    // Scenery that is fuller than full leaves no room for that before it is open.
-    let has_scenery = !container.scenery().is_empty();
-    let opened = if has_scenery { filling.depenetrate(observer)? } else { 0 };
-    let depenetration_steps = depenetration_steps + opened;
+    let depenetration_steps = depenetration_steps + filling.part_in_scenery(observer)?;
     filling.world.validate(wanted);
     let bodies: Vec<Instance> = filling.world.loose().map(|id| filling.world.instance(id)).collect();
     if bodies.is_empty() {

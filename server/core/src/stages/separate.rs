@@ -23,8 +23,8 @@ const FARTHEST: f64 = 0.25;
 const MOST_ROUNDS: usize = 400;
 /// After so many rounds, the pile is spread: what one pair needs goes through all bodies above it too slowly.
 const ROUNDS_UNTIL_SPREAD: usize = 20;
-/// How far the bodies are spread the first time, as a share of their distances from the pile's foot, and by how much more
-/// each further time.
+/// How far the bodies are spread the first time, as a share of their distances from the pile's foot, and by how much
+/// more each further time.
 const SPREAD: f64 = 1e-4;
 const SPREAD_GROWS: f64 = 1.6;
 /// After so many rounds in which no fewer pairs cut, nothing more is tried.

@@ -74,8 +74,8 @@ fn threads() -> Option<Arc<rayon::ThreadPool>> {
     several.and_then(|pool| pool.build().ok()).map(Arc::new)
 }
 
-/// How stiff contacts are, and the substeps that they need. `thickness`: the smallest of any body, engine units; `step`:
-/// characteristic times.
+/// How stiff contacts are, and the substeps that they need. `thickness`: the smallest of any body, engine units;
+/// `step`: characteristic times.
 pub fn set_contacts(p: &mut IntegrationParameters, physics: &Physics, thickness: f64, step: f64) {
     let frequency = physics.stiffness(thickness);
     p.num_solver_iterations = physics.substeps_for(frequency, step) as usize;

@@ -1,6 +1,5 @@
 //! Runs a command of this program for a call of a tool.
 
-use super::types::SceneArgs;
 use crate::job::pace::overall_at;
 use cairn_core::input::observer::Stage;
 use rmcp::RoleServer;
@@ -53,22 +52,6 @@ impl Call {
     pub fn positional(mut self, value: &str) -> Call {
         self.positional.push(value.into());
         self
-    }
-
-    pub fn scene(self, scene: &SceneArgs) -> Result<Call, String> {
-        let call = match scene.scene.as_deref() {
-            // It would be read from the client's messages.
-            Some("-") => return Err("scene: - is no scene here; name a file".into()),
-            Some(path) => self.positional(path),
-            None => self,
-        };
-        Ok(call
-            .each("--control", &scene.control)
-            .each("--prop", &scene.props)
-            .each("--static", &scene.statics)
-            .each("--accuracy", &scene.accuracy)
-            .each("--seed", scene.seed)
-            .each("--set", &scene.set))
     }
 }
 

@@ -7,7 +7,7 @@ mod command;
 mod types;
 
 use super::Failure;
-use command::{Cairn, Call};
+use command::Cairn;
 use rmcp::handler::server::tool::schema_for_type;
 use rmcp::handler::server::wrapper::Parameters;
 use rmcp::model::{CallToolResult, ContentBlock, Implementation, ServerCapabilities, ServerConfig};
@@ -67,7 +67,7 @@ impl Cairn {
         context: Context,
     ) -> Result<Json<CheckResult>, String> {
         // A scene that is wrong is an answer, too.
-        self.run(Call::new("check").scene(&scene)?.flag("--json"), &context).await?.json_in_any_case().map(Json)
+        self.run(scene.call("check")?.flag("--json"), &context).await?.json_in_any_case().map(Json)
     }
 
     /// Summarizes the bake of a scene without simulating it: bodies, seconds, memory, and the size of each format
@@ -77,7 +77,7 @@ impl Cairn {
         Parameters(scene): Parameters<SceneArgs>,
         context: Context,
     ) -> Result<Json<PlanResult>, String> {
-        self.run(Call::new("plan").scene(&scene)?.flag("--json"), &context).await?.json().map(Json)
+        self.run(scene.call("plan")?.flag("--json"), &context).await?.json().map(Json)
     }
 
     /// Bakes a scene: fills its shape with props by physics, and writes their motion to a file. Takes seconds to
@@ -86,7 +86,7 @@ impl Cairn {
     async fn bake(&self, Parameters(args): Parameters<BakeArgs>, context: Context) -> Result<Json<BakeResult>, String> {
         let own = tempfile::tempdir().map_err(|error| format!("no folder for the report: {error}"))?;
         let report = args.report.clone().unwrap_or_else(|| own.path().join("report.json").display().to_string());
-        let call = Call::new("bake").scene(&args.scene)?.option("--output", &args.output).option("--report", &report);
+        let call = args.scene.call("bake")?.option("--output", &args.output).option("--report", &report);
         let done = self.run(call.flag("--progress=json"), &context).await?;
         done.success()?;
         BakeResult::read(&args.output, Path::new(&report), done.notes()).map(Json)

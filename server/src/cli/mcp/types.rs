@@ -22,7 +22,7 @@ pub struct SceneArgs {
     /// Scenery that does not move
     #[serde(default)]
     pub statics: Vec<String>,
-    /// draft, standard, paper or reference
+    /// draft, preview, standard, fine, reference or paper
     #[serde(default)]
     pub accuracy: Option<String>,
     /// The same seed gives the same pile
@@ -31,6 +31,26 @@ pub struct SceneArgs {
     /// Fields of the scene as FIELD=VALUE, such as fill.count=200 or control=off
     #[serde(default)]
     pub set: Vec<String>,
+}
+
+impl SceneArgs {
+    /// The call of a command for this scene.
+    pub fn call(&self, command: &str) -> Result<Call, String> {
+        let call = Call::new(command);
+        let call = match self.scene.as_deref() {
+            // It would be read from the client's messages.
+            Some("-") => return Err("scene: - is no scene here; name a file".into()),
+            Some(path) => call.positional(path),
+            None => call,
+        };
+        Ok(call
+            .each("--control", &self.control)
+            .each("--prop", &self.props)
+            .each("--static", &self.statics)
+            .each("--accuracy", &self.accuracy)
+            .each("--seed", self.seed)
+            .each("--set", &self.set))
+    }
 }
 
 /// A problem, and what to do about it

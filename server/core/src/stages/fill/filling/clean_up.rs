@@ -15,7 +15,7 @@ const CLEANUP_SETTLE: f64 = 0.5;
 /// In the end, no body reaches deeper into scenery than this, in its thickness.
 const CUTS: f64 = 0.05;
 /// Most steps of depenetration: bodies that overlap after them are locked in.
-const MOST_DEPENETRATION: u64 = 160;
+const MOST_DEPENETRATION: u64 = 120;
 
 impl Filling<'_> {
     /// Distance of the farthest corner of a body outside the container, engine units.
@@ -138,6 +138,19 @@ impl Filling<'_> {
         let bodies = self.world.loose().count();
         let going = |step| report(bodies, LAST, observer).map(|()| step < MOST_DEPENETRATION);
         self.world.depenetrate(residual, going)
+    }
+
+    /// Parts bodies in scenery that was fuller than full, which has room for that only now that it is open, and takes out
+    /// those that this presses into it. Returns the steps that this took.
+    pub fn part_in_scenery(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
+        if self.task.container.scenery().is_empty() {
+            return Ok(0);
+        }
+        let steps = self.depenetrate(observer)?;
+        if steps > 0 {
+            self.removed.cutting += self.remove_cutting(CUTS);
+        }
+        Ok(steps)
     }
 
     /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Bodies of near
