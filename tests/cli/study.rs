@@ -90,7 +90,7 @@ fn presets_are_ordered_by_what_overlaps() {
 }
 
 /// No single change of `standard` is at once a tenth cheaper than a preset and a tenth better in a headline figure on
-/// half of the piles that the presets were searched on.
+/// more than half of the piles that the presets were searched on.
 #[test]
 fn no_change_of_one_parameter_beats_a_preset() {
     let piles: Vec<Value> =
@@ -107,7 +107,7 @@ fn no_change_of_one_parameter_beats_a_preset() {
                 cost(knob) < 0.9 * cost(preset) && is_better
             };
             let beaten = piles.iter().filter(beats).count();
-            assert!(2 * beaten < piles.len(), "{knob} is better than {preset} on {beaten} piles");
+            assert!(2 * beaten <= piles.len(), "{knob} is better than {preset} on {beaten} piles");
         }
     }
 }

@@ -9,7 +9,7 @@ mod zones;
 
 use crate::error::{Error, SceneProblem};
 use crate::input::observer::Observer;
-use crate::input::params::Params;
+use crate::input::params::{FillMethod, Params};
 use crate::input::scene::Scene;
 use crate::prepare::container::Container;
 use crate::prepare::shape::Shape;
@@ -190,7 +190,12 @@ fn part(filling: &mut Filling, observer: &mut dyn Observer) -> Result<u64, Error
     if first > 0 {
         filling.settle(CLOSE_GAPS, observer)?;
     }
-    Ok(first + filling.depenetrate(observer)?)
+    let second = filling.depenetrate(observer)?;
+    // What is stacked stands on what is below it.
+    if second > 0 && filling.task.params.fill.method == FillMethod::Stack {
+        filling.settle(CLOSE_GAPS, observer)?;
+    }
+    Ok(first + second)
 }
 
 /// Fills the open container. Returns whether it is full.

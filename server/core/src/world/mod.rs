@@ -70,7 +70,7 @@ pub use manifold::SOLVED;
 pub use queries::FrictionExcess;
 pub use scenery::WallId;
 pub use settings::PUSH_OUT_SPEED;
-pub use stepping::{Energy, Snapshot};
+pub use stepping::{DEEPEST, Energy, Snapshot};
 pub use units::Units;
 
 /// A body slower than this is at rest, in d per characteristic time, that is in units of sqrt(g d): 1 %. A pile whose

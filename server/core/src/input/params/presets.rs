@@ -19,8 +19,8 @@ pub struct AccuracyTraits {
     pub fill_cost_factor: f64,
     /// Number of glue joints / that at `standard`: median over the bakes.
     pub glue_joints_factor: f64,
-    /// The study's results, means over its piles: `visible_depth_p95_rel`, imbalance and shape. The last two differ less
-    /// between the presets than between seeds.
+    /// The study's results, means over its piles: `visible_depth_p95_rel`, imbalance and shape. The last two differ
+    /// less between the presets than between seeds.
     pub expected_errors: [f64; 3],
 }
 

@@ -7,7 +7,7 @@ use glam::DVec3;
 /// Share of the pairs in contact that may overlap by more than the residual.
 const DEEPER: f64 = 0.05;
 /// No pair may overlap by more than this many times the residual.
-const DEEPEST: f64 = 8.0;
+pub const DEEPEST: f64 = 8.0;
 /// After so many steps in which the overlaps did not become smaller by [`GAIN`], what is left is locked in.
 const STEPS_WITHOUT_GAIN: u64 = 16;
 /// A share of the overlaps.

@@ -4,6 +4,7 @@ mod depenetration;
 mod retry;
 
 use crate::invariants;
+pub use depenetration::DEEPEST;
 pub use retry::{Energy, Snapshot};
 
 use super::{BodyId, World, corrections::ccd, corrections::resistance};

@@ -5,7 +5,7 @@ use super::progress::{LAST, report};
 use crate::error::Error;
 use crate::input::observer::Observer;
 use crate::prepare::shape::corners;
-use crate::world::BodyId;
+use crate::world::{BodyId, DEEPEST};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Rounds of removing bodies that stick out or overlap, and settling again.
@@ -140,10 +140,12 @@ impl Filling<'_> {
         self.world.depenetrate(residual, going)
     }
 
-    /// Parts bodies in scenery that was fuller than full, which has room for that only now that it is open, and takes out
-    /// those that this presses into it. Returns the steps that this took.
+    /// Parts bodies in scenery that was fuller than full, which has room for that only now that it is open, and takes
+    /// out those that this presses into it. Returns the steps that this took.
     pub fn part_in_scenery(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
-        if self.task.container.scenery().is_empty() {
+        // What may overlap more deeply than it may cut scenery would be pressed into that.
+        let is_coarse = self.task.params.fill.residual_overlap * DEEPEST > CUTS;
+        if self.task.container.scenery().is_empty() || is_coarse {
             return Ok(0);
         }
         let steps = self.depenetrate(observer)?;
