@@ -89,8 +89,8 @@ fn presets_are_ordered_by_what_overlaps() {
     assert!(standard[standard.len() / 2] <= 0.006, "{standard:?}");
 }
 
-/// No single change of `standard` is at once a tenth cheaper than a preset and a tenth better in a headline figure on
-/// more than half of the piles that the presets were searched on.
+/// No single change of `standard` dominates it, or a quicker preset, on half of the piles that the presets were searched on: a tenth
+/// cheaper, a tenth better in a headline figure, and no worse in the others.
 #[test]
 fn no_change_of_one_parameter_beats_a_preset() {
     let piles: Vec<Value> =
@@ -98,16 +98,18 @@ fn no_change_of_one_parameter_beats_a_preset() {
     let knobs = rows(&piles[0]).iter().filter(|row| row["kind"] == "knob");
     let knobs: Vec<&str> = knobs.map(|row| row["variant"].as_str().unwrap()).collect();
     assert!(knobs.len() >= 15, "{knobs:?}");
-    for preset in PRESETS {
+    // Where `standard` leaves no overlap, the dearer ones buy none, as the page says.
+    for preset in ["draft", "preview", "standard"] {
         for knob in &knobs {
             let beats = |pile: &&Value| {
                 let (preset, knob) = (row(pile, preset), row(pile, knob));
                 let both = HEADLINE.iter().filter_map(|figure| Some((error(knob, figure)?, error(preset, figure)?)));
-                let is_better = both.into_iter().any(|(ours, other): (f64, f64)| ours < 0.9 * other);
-                cost(knob) < 0.9 * cost(preset) && is_better
+                let both: Vec<(f64, f64)> = both.collect();
+                let is_better = both.iter().any(|(ours, other)| *ours < 0.9 * other);
+                cost(knob) < 0.9 * cost(preset) && is_better && both.iter().all(|(ours, other)| ours <= other)
             };
             let beaten = piles.iter().filter(beats).count();
-            assert!(2 * beaten <= piles.len(), "{knob} is better than {preset} on {beaten} piles");
+            assert!(2 * beaten < piles.len(), "{knob} is better than {preset} on {beaten} piles");
         }
     }
 }
