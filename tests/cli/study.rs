@@ -89,7 +89,7 @@ fn presets_are_ordered_by_what_overlaps() {
     assert!(standard[standard.len() / 2] <= 0.006, "{standard:?}");
 }
 
-/// No single change of `standard` dominates it, or a quicker preset, on half of the piles that the presets were searched on: a tenth
+/// No single change of `standard` dominates it, or a quicker preset, on half of the searched piles: a tenth
 /// cheaper, a tenth better in a headline figure, and no worse in the others.
 #[test]
 fn no_change_of_one_parameter_beats_a_preset() {
@@ -98,7 +98,7 @@ fn no_change_of_one_parameter_beats_a_preset() {
     let knobs = rows(&piles[0]).iter().filter(|row| row["kind"] == "knob");
     let knobs: Vec<&str> = knobs.map(|row| row["variant"].as_str().unwrap()).collect();
     assert!(knobs.len() >= 15, "{knobs:?}");
-    // Where `standard` leaves no overlap, the dearer ones buy none, as the page says.
+    // Where `standard` leaves no overlap, the more expensive ones buy none, as the page says.
     for preset in ["draft", "preview", "standard"] {
         for knob in &knobs {
             let beats = |pile: &&Value| {
