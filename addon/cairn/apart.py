@@ -156,7 +156,7 @@ class CAIRN_OT_make_it_stand(Operator):
 
 
 def mark(context, dots):
-    """An empty for each dot, as a fixed joint of Blender's rigid bodies where the scene has such."""
+    """An empty for each dot, with the force that it has to hold."""
     collection = bpy.data.collections.get(DOTS) or bpy.data.collections.new(DOTS)
     if DOTS not in context.scene.collection.children:
         context.scene.collection.children.link(collection)
