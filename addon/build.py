@@ -2,7 +2,7 @@
 """Builds the add-on: one zip that Blender 3.4 to 5.x installs.
 
     addon/build.py                                 for every platform; the server is found on the artist's machine
-    addon/build.py --server target/release/cairn   with this platform's server inside
+    addon/build.py --server target/release/cairn   with a server inside, for the server's platform
 
 Needs Python 3.11 with pip, and PyPI for what `vendor.txt` pins. The unpacked add-on stays in `target/addon/cairn`.
 """
@@ -10,8 +10,6 @@ Needs Python 3.11 with pip, and PyPI for what `vendor.txt` pins. The unpacked ad
 import argparse
 import ast
 import json
-import os
-import platform
 import re
 import shutil
 import subprocess
@@ -22,6 +20,10 @@ from pathlib import Path
 
 ADDON = Path(__file__).resolve().parent
 ROOT = ADDON.parent
+sys.path.insert(0, str(ROOT / "python"))
+
+from executable import include, kind_of  # noqa: E402
+
 BUF = "buf-bin==1.75.0"
 PIP = [sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check"]
 # Parts of the libraries that no client needs.
@@ -81,9 +83,10 @@ def main():
     describe(output, package)
     kind = "any"
     if args.server:
-        kind = f"{platform.system()}-{platform.machine()}".lower()
-        include_server(args.server, package / "bin")
-        only_this_platform(package / "blender_manifest.toml")
+        server = kind_of(args.server)
+        kind = f"{server.system}-{server.machine}"
+        include(args.server, package / "bin" / server.program)
+        only_on(kind, package / "blender_manifest.toml")
     path = output / f"cairn-{version}-{kind}.zip"
     pack(package, path)
     print(path)
@@ -270,21 +273,8 @@ def describe_field(message, field, comment, enums):
     return entry
 
 
-def include_server(server, folder):
-    folder.mkdir()
-    place = folder / ("cairn.exe" if os.name == "nt" else "cairn")
-    shutil.copy(server, place)
-    # Debug symbols are four fifths of the program.
-    if shutil.which("strip") and os.name != "nt":
-        subprocess.run(["strip", place], check=True)
-
-
-def only_this_platform(manifest):
-    system = {"Linux": "linux", "Darwin": "macos", "Windows": "windows"}[platform.system()]
-    machine = "arm64" if platform.machine().lower() in ("arm64", "aarch64") else "x64"
-    manifest.write_text(
-        manifest.read_text().replace("[permissions]", f'platforms = ["{system}-{machine}"]\n\n[permissions]')
-    )
+def only_on(platform, manifest):
+    manifest.write_text(manifest.read_text().replace("[permissions]", f'platforms = ["{platform}"]\n\n[permissions]'))
 
 
 def pack(package, path):

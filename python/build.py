@@ -1,35 +1,75 @@
 #!/usr/bin/env python3
-"""Builds the wheel `cairn-pile` of this platform: the program `cairn`, and the Python package `cairn`.
+"""Builds the wheel `cairn-pile` of one platform: the program `cairn`, and the Python package `cairn`.
 
-python -m pip install grpcio-tools==1.85.1 grpclib==0.4.9 maturin==1.16.0
-python python/build.py                    into target/wheel/dist
+    python -m pip install grpcio-tools==1.85.1 hatchling==1.33.0
+    python python/build.py                       with target/release/cairn, for this machine
+    python python/build.py --program FILE        with a program of any platform, for that one
+        --oldest 2.28                            the oldest glibc that it runs with; without it: not to be published
 
-What Cargo has built by `cargo build --release` is used again.
+The wheel is in target/wheel/dist. The same program gives the same bytes.
 """
 
+import argparse
+import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
+
+from executable import include, kind_of
 
 ROOT = Path(__file__).resolve().parent.parent
 # A folder of its own: nothing that is generated stands between the sources.
 STAGE = ROOT / "target" / "wheel"
-TOOLS = Path(sys.executable).parent
+NATIVE = ROOT / "target" / "release" / ("cairn.exe" if os.name == "nt" else "cairn")
+# 2020-02-02, the earliest that all tools take.
+ZIP_TIME = "1580601600"
+MACHINES = {
+    ("windows", "x64"): "win_amd64",
+    ("windows", "arm64"): "win_arm64",
+    ("macos", "x64"): "macosx_10_12_x86_64",
+    ("macos", "arm64"): "macosx_11_0_arm64",
+    ("linux", "x64"): "x86_64",
+    ("linux", "arm64"): "aarch64",
+}
 
 
 def main():
-    shutil.rmtree(STAGE, ignore_errors=True)
-    shutil.copytree(ROOT / "python", STAGE, ignore=shutil.ignore_patterns("__pycache__", "build.py"))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--program", type=Path, metavar="FILE", default=NATIVE)
+    parser.add_argument("--oldest", metavar="VERSION", help="the oldest glibc that the program runs with")
+    args = parser.parse_args()
+    if not args.program.is_file():
+        sys.exit(f"{args.program} is not there: build it first, by `cargo build --release`.")
+    kind = kind_of(args.program)
+    platform = MACHINES[kind]
+    if kind.system == "linux":
+        platform = f"{'manylinux_' + args.oldest.replace('.', '_') if args.oldest else 'linux'}_{platform}"
+
+    for old in ("cairn", "bin"):
+        shutil.rmtree(STAGE / old, ignore_errors=True)
+    shutil.copytree(
+        ROOT / "python", STAGE, ignore=shutil.ignore_patterns("__pycache__", "build.py"), dirs_exist_ok=True
+    )
+    for licence in ROOT.glob("LICENSE-*"):
+        shutil.copy(licence, STAGE)
     generate(STAGE)
-    manifest = STAGE / "pyproject.toml"
-    manifest.write_text(manifest.read_text() + f'manifest-path = "{(ROOT / "Cargo.toml").as_posix()}"\n')
-    command = [TOOLS / "maturin", "build", "--release", "--locked", "--out", STAGE / "dist"]
-    subprocess.run(command, cwd=STAGE, check=True)
-    # maturin moves the program; restore it for the next build.
-    subprocess.run(["cargo", "build", "--release", "--locked", "--bin", "cairn"], cwd=ROOT, check=True)
-    (wheel,) = (STAGE / "dist").glob("*.whl")
-    print(wheel)
+    include(args.program, STAGE / "bin" / kind.program)
+    manifest = (ROOT / "python" / "pyproject.toml").read_text()
+    for name, value in {"VERSION": version(), "PROGRAM": kind.program}.items():
+        manifest = manifest.replace(f"@{name}@", value)
+    (STAGE / "pyproject.toml").write_text(manifest)
+
+    command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", STAGE / "dist"]
+    environment = {**os.environ, "CAIRN_PLATFORM": platform, "SOURCE_DATE_EPOCH": ZIP_TIME}
+    subprocess.run(command, cwd=STAGE, env=environment, check=True, stdout=sys.stderr)
+    print(STAGE / "dist" / f"cairn_pile-{version()}-py3-none-{platform}.whl")
+
+
+def version():
+    """The workspace's version, which the wheel has, too."""
+    return tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]["version"]
 
 
 def generate(output):

@@ -86,6 +86,24 @@ fn the_doctor_tells_the_machine_and_tries_a_bake() {
 }
 
 #[test]
+fn the_doctor_names_what_other_versions_left() {
+    let desk = Desk::new();
+    let cache = desk.path("kept");
+    let printed = || {
+        let mut command = desk.command(&["doctor", "--skip-bake", "--json"]);
+        let done = command.env_remove("CAIRN_NO_CACHE").env("CAIRN_CACHE", &cache).output().unwrap();
+        let printed: Value = serde_json::from_slice(&done.stdout).unwrap();
+        printed["findings"]["cache"].as_str().unwrap().to_owned()
+    };
+    let mut bake = desk.command(&["bake", "--control", "cone.glb", "--prop", "stick.glb", "-o", "pile.glb"]);
+    bake.args(["--accuracy", "draft", "--set", "fill.count=2", "--quiet"]).env_remove("CAIRN_NO_CACHE");
+    assert!(bake.env("CAIRN_CACHE", &cache).status().unwrap().success());
+    assert!(printed().starts_with("0 MiB in ") && !printed().contains("other versions"), "{}", printed());
+    cacache::write_sync(&cache, "bake 0123456789abcdef 01", vec![7; 3 << 20]).unwrap();
+    assert!(printed().starts_with("3 MiB in ") && printed().contains("3 MiB of other versions"), "{}", printed());
+}
+
+#[test]
 fn a_plan_tells_what_each_accuracy_is_expected_to_cost() {
     let desk = Desk::new();
     let printed = desk.line("plan --control cone.glb --prop stick.glb").ok();

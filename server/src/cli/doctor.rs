@@ -1,5 +1,6 @@
 //! `cairn doctor`: checks this machine, and compares a small bake with expected values.
 
+use super::cache_args::CacheArgs;
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
 use crate::files::FileSource;
@@ -12,6 +13,7 @@ use crate::scene_file::SceneTree;
 use crate::wire::versions::versions;
 use anstyle::{AnsiColor, Style};
 use serde_json::{Value, json};
+use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -48,6 +50,9 @@ pub struct Args {
     /// Skip the bake
     #[arg(long)]
     skip_bake: bool,
+
+    #[command(flatten)]
+    cache: CacheArgs,
 }
 
 /// One line of the diagnosis.
@@ -82,7 +87,7 @@ impl Finding {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
-    let mut findings = machine_findings();
+    let mut findings = machine_findings(&args.cache.open());
     if !args.json {
         findings.iter().for_each(|finding| anstream::println!("{}", finding.line()));
     }
@@ -104,7 +109,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if wrong { Err(Failure::Internal("the self-test failed".into())) } else { Ok(()) }
 }
 
-fn machine_findings() -> Vec<Finding> {
+fn machine_findings(cache: &BakeCache) -> Vec<Finding> {
     let versions = versions();
     let gib = |bytes: u64| format!("{:.1} GiB free", bytes as f64 / (1u64 << 30) as f64);
     let memory = machine::free_memory();
@@ -122,6 +127,14 @@ fn machine_findings() -> Vec<Finding> {
             Some(room) => Finding::new(name, gib(room)).with_fault((room < LITTLE_DISK).then_some(full)),
             None => Finding::new(name, "this system does not report free space"),
         });
+    }
+    if let Some((folder, all, others)) = cache.found() {
+        let mib = |bytes: usize| bytes as f64 / f64::from(1 << 20);
+        let mut text = format!("{:.0} MiB in {}", mib(all), folder.display());
+        if others > 0 {
+            let _ = write!(text, "; {:.0} MiB of other versions: you may delete the folder", mib(others));
+        }
+        findings.push(Finding::new("cache", text));
     }
     if tempfile::tempfile_in(".").is_err() {
         let refused = Finding::new("writing", "not possible in this folder");

@@ -223,7 +223,9 @@ fn shutdown_request() -> Result<impl Future<Output = ()>, Failure> {
     #[cfg(windows)]
     let mut next = {
         let mut interrupt = tokio::signal::windows::ctrl_c().map_err(broken)?;
-        async move || drop(interrupt.recv().await)
+        async move || {
+            interrupt.recv().await;
+        }
     };
     let requested = Arc::new(Notify::new());
     let sender = requested.clone();

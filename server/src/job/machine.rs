@@ -40,9 +40,13 @@ pub fn use_threads(count: usize) -> Result<(), rayon::ThreadPoolBuildError> {
 }
 
 /// Limits the memory of this process, bytes, if the system can.
+#[cfg(unix)]
 pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
-    #[cfg(unix)]
-    rlimit::setrlimit(rlimit::Resource::AS, bytes, bytes)?;
+    rlimit::setrlimit(rlimit::Resource::AS, bytes, bytes)
+}
+
+#[cfg(not(unix))]
+pub fn limit_memory(_bytes: u64) -> std::io::Result<()> {
     Ok(())
 }
 
@@ -55,7 +59,8 @@ pub fn free_memory() -> u64 {
 
 /// Free space on the disk of a folder, bytes; `None` if the system does not report it.
 pub fn free_disk(folder: &Path) -> Option<u64> {
-    let folder = folder.canonicalize().ok()?;
+    // On Windows, a canonical path has a form in which no disk's name is.
+    let folder = if cfg!(windows) { std::path::absolute(folder) } else { folder.canonicalize() }.ok()?;
     let disks = Disks::new_with_refreshed_list();
     let holding = disks.list().iter().filter(|disk| folder.starts_with(disk.mount_point()));
     holding.max_by_key(|disk| disk.mount_point().as_os_str().len()).map(|disk| disk.available_space())

@@ -49,6 +49,19 @@ impl BakeCache {
         BakeCache { folder: folders.map(|folders| folders.cache_dir().join("cairn")) }
     }
 
+    /// Where the cache is, its size, and the size of what only other programs can read: earlier versions above all.
+    /// Bytes.
+    pub fn found(&self) -> Option<(&Path, usize, usize)> {
+        let folder = self.folder.as_deref().filter(|folder| folder.is_dir())?;
+        let (mut all, mut others) = (0, 0);
+        let own = program();
+        for entry in cacache::list_sync(folder).filter_map(Result::ok) {
+            all += entry.size;
+            others += if entry.key.split(' ').nth(1) == Some(&own) { 0 } else { entry.size };
+        }
+        Some((folder, all, others))
+    }
+
     /// The cached bake of this scene.
     pub fn bake(&self, scene: &Scene, params: &Params) -> Option<Bake> {
         self.folder.as_ref()?;
@@ -109,21 +122,23 @@ impl cache::FillCache for BakeCache {
     }
 }
 
-/// The key of an entry: a hash of the versions and of the inputs.
+/// The key of an entry: its kind, the program that made it, and a hash of the inputs.
 fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
-    let versions = versions();
     let mut hasher = blake3::Hasher::new();
-    for part in [&*program(), &*versions.cairn, &*versions.rapier3d, &*versions.clarabel] {
-        hasher.update(part.as_bytes()).update(b"\n");
-    }
     postcard::to_io(inputs, &mut hasher).ok()?;
-    Some(format!("{kind} {}", hasher.finalize().to_hex()))
+    Some(format!("{kind} {} {}", program(), hasher.finalize().to_hex()))
 }
 
-/// Size and time of this program's file: two builds of a version may differ.
+/// A hash of the versions, and of size and time of this program's file: two builds of a version may differ.
 fn program() -> String {
+    let versions = versions();
     let file = std::env::current_exe().and_then(std::fs::metadata).ok();
-    file.map_or(String::new(), |file| format!("{} {:?}", file.len(), file.modified().ok()))
+    let file = file.map_or(String::new(), |file| format!("{} {:?}", file.len(), file.modified().ok()));
+    let mut hasher = blake3::Hasher::new();
+    for part in [&*file, &*versions.cairn, &*versions.rapier3d, &*versions.clarabel] {
+        hasher.update(part.as_bytes()).update(b"\n");
+    }
+    hasher.finalize().to_hex()[..16].to_owned()
 }
 
 /// Removes unfinished files, and the oldest entries until the rest is small enough.

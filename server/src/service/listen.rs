@@ -1,11 +1,10 @@
 //! The sockets of a server.
 
-use crate::failpoints;
 use crate::problem::Problem;
 use crate::service::config::Config;
 use crate::service::secrets::Secrets;
 use std::net::SocketAddr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use tokio::net::TcpListener;
 #[cfg(unix)]
 use tokio::net::UnixListener;
@@ -15,7 +14,7 @@ use tracing::warn;
 pub enum Listener {
     Tcp(TcpListener),
     #[cfg(unix)]
-    Unix(UnixListener, std::path::PathBuf),
+    Unix(UnixListener, PathBuf),
 }
 
 impl Listener {
@@ -25,6 +24,15 @@ impl Listener {
             Listener::Tcp(listener) => listener.local_addr().map(|addr| addr.to_string()).unwrap_or_default(),
             #[cfg(unix)]
             Listener::Unix(_, path) => format!("unix:{}", path.display()),
+        }
+    }
+
+    /// The socket's file, if it has one.
+    pub fn file(&self) -> Option<PathBuf> {
+        match self {
+            Listener::Tcp(_) => None,
+            #[cfg(unix)]
+            Listener::Unix(_, path) => Some(path.clone()),
         }
     }
 }
@@ -94,7 +102,7 @@ fn bind_unix(path: &Path) -> std::io::Result<Listener> {
     }
     let listener = UnixListener::bind(path)?;
     let own = std::fs::Permissions::from_mode(0o600);
-    failpoints::at("listen-mode").and_then(|()| std::fs::set_permissions(path, own)).inspect_err(|_| {
+    crate::failpoints::at("listen-mode").and_then(|()| std::fs::set_permissions(path, own)).inspect_err(|_| {
         // A socket that every user may open must not stay.
         let _ = std::fs::remove_file(path);
     })?;

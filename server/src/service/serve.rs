@@ -21,7 +21,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
-use tokio_stream::StreamExt;
 use tokio_util::sync::CancellationToken;
 use tonic::Request;
 use tonic::codec::CompressionEncoding;
@@ -109,12 +108,8 @@ pub async fn run(
 
     let closing = CancellationToken::new();
     let mut servers = tokio::task::JoinSet::new();
-    let mut sockets = Vec::new();
+    let sockets: Vec<_> = listeners.iter().filter_map(Listener::file).collect();
     for listener in listeners {
-        #[cfg(unix)]
-        if let Listener::Unix(_, path) = &listener {
-            sockets.push(path.clone());
-        }
         servers.spawn(serve(listener, routes.clone(), tls_now.clone(), closing.clone()));
     }
 
@@ -147,7 +142,7 @@ pub async fn run(
     keeper.abort();
     reloader.abort();
     metrics.iter().for_each(tokio::task::JoinHandle::abort);
-    sockets.iter().for_each(|path: &std::path::PathBuf| drop(std::fs::remove_file(path)));
+    sockets.iter().for_each(|path| drop(std::fs::remove_file(path)));
     match failed {
         Some(Ok(Err(error))) => Err(error),
         Some(Err(error)) => Err(ServeError::Failed(error.to_string())),
@@ -246,7 +241,7 @@ async fn serve(
         #[cfg(unix)]
         (Listener::Unix(listener, _), _) => {
             let incoming = tokio_stream::wrappers::UnixListenerStream::new(listener);
-            let incoming = incoming.map(|stream| stream.map(unix::UnixConnection::new));
+            let incoming = tokio_stream::StreamExt::map(incoming, |stream| stream.map(unix::UnixConnection::new));
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
     }

@@ -1,0 +1,11 @@
+"""central.py: switches the add-on on where a studio has put it, in $BLENDER_SYSTEM_EXTENSIONS, without a network."""
+
+import addon_utils
+import bpy
+
+preferences = bpy.context.preferences
+preferences.system.use_online_access = False
+addon_utils.enable("bl_ext.system.cairn", default_set=True)
+assert "bl_ext.system.cairn" in preferences.addons, "it is not switched on"
+assert hasattr(bpy.types.Scene, "cairn"), "it is switched on, and is not there"
+print("works")
