@@ -35,10 +35,7 @@ def find(chosen):
         return path
     own = Path(__file__).parent / "bin" / NAME
     if own.is_file():
-        # Unzipping has lost the permission.
-        if not os.access(own, os.X_OK):
-            own.chmod(own.stat().st_mode | stat.S_IXUSR)
-        return own
+        return runnable(own)
     found = shutil.which(NAME)
     if not found:
         raise Fault(
@@ -46,6 +43,34 @@ def find(chosen):
             "the program in the add-on's preferences."
         )
     return Path(found)
+
+
+def runnable(program):
+    """The program that came with the add-on, or a copy of it. Unzipping may lose the permission to run it, and it may lie where
+    only an administrator can write."""
+    if os.access(program, os.X_OK):
+        return program
+    about = program.stat()
+    try:
+        program.chmod(about.st_mode | stat.S_IXUSR)
+        return program
+    except OSError:
+        pass
+    copy = Path.home() / ".cache" / "cairn" / f"{about.st_size}-{about.st_mtime_ns}" / NAME
+    if not copy.is_file():
+        try:
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            part = copy.with_name(f"{NAME}.{os.getpid()}")
+            shutil.copyfile(program, part)
+            part.chmod(0o700)
+            # Another Blender may do the same at this moment.
+            os.replace(part, copy)
+        except OSError as error:
+            raise Fault(
+                f"{program} is not allowed to run, and cannot be copied to {copy.parent} ({error}). Ask whoever "
+                "installed the add-on for `chmod +x`, or choose another program in the add-on's preferences."
+            ) from error
+    return copy
 
 
 class LocalServer:

@@ -80,3 +80,28 @@ def test_a_blender_that_quits_leaves_the_server_to_another(blender, addon, tmp_p
     assert listens(addon, address) and len(list((tmp_path / "users").glob("*.lock"))) == 1
     second.communicate("\n")
     assert ends(addon, address) and not list((tmp_path / "users").glob("*.lock"))
+
+
+def test_a_program_that_may_not_run_where_nobody_can_write_is_copied(addon, monkeypatch, tmp_path):
+    server = addon("server")
+    program = tmp_path / "studio" / server.NAME
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\necho it runs\n")
+    program.chmod(0o444)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    # As for a user who is not its owner; whoever runs the tests may be.
+    allowed = type(program).chmod
+
+    def refused(path, mode):
+        if path == program:
+            raise PermissionError(1, "Operation not permitted")
+        allowed(path, mode)
+
+    monkeypatch.setattr(type(program), "chmod", refused)
+    found = server.runnable(program)
+    assert found != program and server.runnable(program) == found
+    assert subprocess.run([found], capture_output=True, text=True, check=True).stdout == "it runs\n"
+    (tmp_path / "blocked").write_text("")
+    monkeypatch.setenv("HOME", str(tmp_path / "blocked"))
+    with pytest.raises(addon("client").Fault, match="chmod"):
+        server.runnable(program)
