@@ -46,6 +46,8 @@ pub struct Estimate {
     pub imbalance: f64,
     /// Expected distance of the shape's IoU from that of `reference`.
     pub shape_error: f64,
+    /// Expected error of how fast bodies slide, relative.
+    pub speed_error: f64,
 }
 
 /// The part of a bake that runs on all of its threads (Amdahl's law): two take two thirds of the time of one.
@@ -102,6 +104,10 @@ pub struct Workload {
     pub room: f64,
     #[serde(default)]
     pub packing: packing::Weights,
+    /// How far the collision shapes are from the meshes that they hold, in diameters; mean over the bodies. What
+    /// overlaps by less is not seen.
+    #[serde(default)]
+    pub deviation: f64,
 }
 
 fn usual() -> f64 {
@@ -119,16 +125,16 @@ impl Workload {
     pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape]) -> Workload {
         let characteristic_time = checked.characteristic_time(params);
         let filled = plan::filled_bodies(scene, params, checked);
-        let mut mean = [0.0; 3];
+        let mut mean = [0.0; 4];
         let all: f64 = checked.shares.iter().sum();
         for ((shape, size), share) in shapes.iter().zip(&checked.sizes).zip(&checked.shares) {
             let (parts, corners) = (shape.solid.parts() as f64, shape.solid.corners() as f64);
             let slenderness = size.diameter.powi(3) / size.volume;
-            for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness]) {
+            for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness, shape.report.deviation_rel]) {
                 *sum += share / all * value;
             }
         }
-        let [parts, corners, slenderness] = mean;
+        let [parts, corners, slenderness, deviation] = mean;
         let step_rate = characteristic_time / params.physics.step.seconds(characteristic_time);
         let container = checked.filled(scene, params);
         let (room, packing) =
@@ -148,6 +154,7 @@ impl Workload {
             glued: scene.glue_bound(params) > 0.0,
             room,
             packing,
+            deviation,
         }
     }
 
@@ -214,5 +221,6 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
         overlap: overlap_rel * thickness,
         imbalance,
         shape_error,
+        speed_error: traits.speed_error,
     }
 }

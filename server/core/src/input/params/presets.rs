@@ -22,6 +22,9 @@ pub struct AccuracyTraits {
     /// The study's results, means over its piles: `visible_depth_p95_rel`, imbalance and shape. The last two differ
     /// less between the presets than between seeds.
     pub expected_errors: [f64; 3],
+    /// How far from its exact distance a block slides down a slope in a second, relative to it, as the study of
+    /// problems found it.
+    pub speed_error: f64,
 }
 
 impl Accuracy {
@@ -39,6 +42,7 @@ impl Accuracy {
             fill_cost_factor: 1.0,
             glue_joints_factor: 1.0,
             expected_errors: [0.0036, 0.039, 0.05],
+            speed_error: 0.002,
         };
         match self {
             Accuracy::Draft => AccuracyTraits {
@@ -51,11 +55,13 @@ impl Accuracy {
                 // Joints are chosen in fewer rounds, without a trial.
                 glue_joints_factor: 2.1,
                 expected_errors: [0.0083, 0.049, 0.095],
+                speed_error: 0.0047,
             },
             Accuracy::Preview => AccuracyTraits {
                 measures_support: false,
                 fill_cost_factor: 0.42,
                 expected_errors: [0.0039, 0.055, 0.064],
+                speed_error: 0.0029,
                 ..STANDARD
             },
             // The paper's setting is not part of the study.
@@ -64,6 +70,7 @@ impl Accuracy {
                 looks_at_all: true,
                 fill_cost_factor: 1.5,
                 expected_errors: [0.0013, 0.038, 0.019],
+                speed_error: 0.00064,
                 ..STANDARD
             },
             Accuracy::Reference => AccuracyTraits {
@@ -71,6 +78,7 @@ impl Accuracy {
                 separates: true,
                 fill_cost_factor: 3.7,
                 expected_errors: [0.0, 0.039, 0.0091],
+                speed_error: 0.0012,
                 ..STANDARD
             },
         }
