@@ -1,7 +1,8 @@
 //! Conversions between the core's parameters and the messages, for `cairn::wire`.
 
 use crate::{
-    CHOSEN, Group, Parameter, Schema, Value, camel, is_deprecated, is_text, measure, of_field, stated, variant, variants,
+    CHOSEN, Group, Parameter, Schema, Value, camel, is_deprecated, is_text, measure, of_field, stated, variant,
+    variants,
 };
 use protox::prost_reflect::{EnumDescriptor, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::BTreeSet;

@@ -12,11 +12,11 @@ use crate::model::export::{Encoded, Format, SIDECAR_FOLDER};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
+use crate::wire::proto;
 use crate::wire::proto::{
     AnalysePileRequest, Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, OutputFormat, Plan,
     Scene, Summary, UsdLayout, bake_event::Kind,
 };
-use crate::wire::proto;
 use crate::wire::to_proto::{NOTES_FIELD, accuracy_name};
 use crate::wire::{analysis, from_proto};
 use bytes::Bytes;

@@ -205,11 +205,12 @@ mod tests {
         step_rate: 20.0,
         substeps: 8.0,
         fill_cost_factor: 1.0,
+        glue_cost_factor: 1.0,
         coulomb: false,
         glued: false,
         room: 0.0,
         packing: [0.0; 7],
-        deviation: 0.0,
+        primitive: 0.0,
     };
 
     fn run(name: &str, cost: f64, error: f64, kept: f64) -> (StudyVariant, Vec<Record>) {

@@ -5,7 +5,6 @@ use crate::problem::Problem;
 use crate::wire::to_proto;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
-use cairn_core::prepare::dense;
 use cairn_core::prepare::estimate::{Estimate, Goal, TOLERANCE};
 use std::fmt;
 
@@ -27,9 +26,7 @@ pub struct Chosen {
 /// The preset that the goal calls for. `scene`: as its files have it. `params`: those of collision shapes, for the
 /// estimate. `ladder`: the parameters of each preset, cheapest first.
 pub fn choose(scene: &Scene, params: &Params, ladder: &[Params], goal: Goal) -> Result<Chosen, Vec<Problem>> {
-    let mut light = scene.clone();
-    dense::run(&mut light, &params.physics);
-    let estimates = machine::slowness().and_then(|machine| cairn_core::estimates(&light, params, ladder, machine));
+    let estimates = machine::slowness().and_then(|machine| cairn_core::estimates(scene, params, ladder, machine));
     let estimates = estimates.map_err(|error| match error {
         cairn_core::Error::Invalid(problems) => problems.into_iter().map(Problem::from).collect(),
         other => vec![Problem::new("accuracy", other.to_string(), "Name a preset instead of auto.")],
@@ -44,7 +41,7 @@ pub fn choose(scene: &Scene, params: &Params, ladder: &[Params], goal: Goal) -> 
 impl fmt::Display for Chosen {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = to_proto::accuracy_name(self.estimate.accuracy);
-        let (most, overlap) = (self.most_seconds, length(self.estimate.overlap));
+        let (most, overlap) = (self.most_seconds, length(self.estimate.most_overlap));
         match self.goal {
             Goal::Time(seconds) if !self.is_expected => {
                 write!(f, "no accuracy is expected to be finished in {seconds:.1} s: {name} may take {most:.1} s")
@@ -54,7 +51,10 @@ impl fmt::Display for Chosen {
                 "no accuracy is expected to keep overlaps below {}: {name} is expected to leave {overlap}",
                 length(goal)
             ),
-            _ => write!(f, "accuracy {name}, expected to take up to {most:.1} s and to leave overlaps of {overlap}"),
+            _ => write!(
+                f,
+                "accuracy {name}, expected to take up to {most:.1} s and to leave overlaps of up to {overlap}"
+            ),
         }
     }
 }

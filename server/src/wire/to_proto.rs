@@ -43,6 +43,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         imbalance: estimate.imbalance,
         shape_error: estimate.shape_error,
         speed_error: estimate.speed_error,
+        most_overlap: estimate.most_overlap,
         ..Default::default()
     };
     let effect = |effect: &Effect| proto::Effect {
