@@ -47,9 +47,7 @@ def take(answer):
         },
         # What else is expected of each: bodies, CPU seconds, and how far a sliding body is off.
         "others": {
-            names[estimate.accuracy]: (
-                estimate.body_count, estimate.cpu_seconds, getattr(estimate, "speed_error", 0.0)
-            )
+            names[estimate.accuracy]: (estimate.body_count, estimate.cpu_seconds, getattr(estimate, "speed_error", 0.0))
             for estimate in plan.estimates
         },
         "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},

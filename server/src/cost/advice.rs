@@ -51,7 +51,7 @@ impl Study {
         let unranked = self.unranked();
         if !unranked.is_empty() {
             let names = unranked.join(" and ");
-            text += &format!(" There are too few seeds to tell the presets apart by {names}: raise --seeds.");
+            text += &format!(" There are too few seeds to rank the presets by {names}: raise --seeds.");
         }
         Some(text)
     }

@@ -107,7 +107,7 @@ where
     let floor = if has_zero { zero / 1.8 } else { least / 1.5 };
     let (x, y) = ((left / 1.25).log10()..(right * 1.6).log10(), floor.log10()..top.log10());
     let height = |error: f64| if error < least { zero.log10() } else { error.log10() };
-    let caption = if is_ranked { figure.title.to_owned() } else { format!("{}: too few seeds to tell", figure.name) };
+    let caption = if is_ranked { figure.title.to_owned() } else { format!("{}: too few seeds to rank", figure.name) };
     let mut chart = ChartBuilder::on(area)
         .caption(caption, (FONT, 17).into_font())
         .margin(12)

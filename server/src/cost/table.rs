@@ -13,7 +13,7 @@ pub struct MedianRange {
     pub high: f64,
 }
 
-/// Seeds without which no two ranges are told apart: of three and three values, one order of twenty has all of one
+/// Seeds without which no two ranges are distinguished: of three and three values, one order of twenty has all of one
 /// below all of the other.
 const ENOUGH_SEEDS: usize = 3;
 
@@ -253,7 +253,7 @@ mod tests {
         assert!(study([0.4, 0.1], 3).is_ranked("overlap"), "0.4 to 1.2, and 0.1 to 0.3");
         let alike = study([0.4, 0.2], 3);
         assert_eq!(alike.unranked(), ["overlap"], "0.4 to 1.2, and 0.2 to 0.6");
-        assert!(alike.advice().unwrap().contains("too few seeds to tell the presets apart by overlap"));
+        assert!(alike.advice().unwrap().contains("too few seeds to rank the presets by overlap"));
         assert!(!alike.markdown().contains("| **0.40** |"));
         assert!(!study([0.4, 0.1], 2).is_ranked("overlap"), "two seeds");
         assert!(study([0.0, 0.0], 3).is_ranked("overlap"), "equal");
