@@ -119,8 +119,8 @@ fn no_change_of_one_parameter_beats_a_preset() {
     }
 }
 
-/// `cairn plan` shows what the studies found: means over the piles, of overlaps over those of boxes and balls, since the
-/// props are sticks; and how far a sliding block is off.
+/// `cairn plan` shows what the studies found: means over the piles, of overlaps over those of boxes and balls, since
+/// the props are sticks; and how far a sliding block is off.
 #[test]
 fn a_plan_tells_what_the_study_found() {
     let desk = Desk::new();

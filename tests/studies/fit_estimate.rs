@@ -185,8 +185,8 @@ fn print_error<'r>(of: &str, laws: &[CostExponents], runs: impl Iterator<Item = 
     println!("// {of}: {} runs within a factor of {half:.2} (half), {most:.2} (90 %), {all:.2} (all)", far.len());
 }
 
-/// Weighted least squares of the logarithm of the seconds, from the present exponents on. A glued pile hardly moves: its
-/// release is no part of that law.
+/// Weighted least squares of the logarithm of the seconds, from the present exponents on. A glued pile hardly moves:
+/// its release is no part of that law.
 fn fit(runs: &[&Run], stages: &[&str], present: &CostExponents) -> CostExponents {
     let is_used = |run: &&&Run| {
         let is_glue = stages == ["glue"];

@@ -107,9 +107,8 @@ where
     let floor = if has_zero { zero / 1.8 } else { least / 1.5 };
     let (x, y) = ((left / 1.25).log10()..(right * 1.6).log10(), floor.log10()..top.log10());
     let height = |error: f64| if error < least { zero.log10() } else { error.log10() };
-    let caption = if is_ranked { figure.title.to_owned() } else { format!("{}: too few seeds to rank", figure.name) };
     let mut chart = ChartBuilder::on(area)
-        .caption(caption, (FONT, 17).into_font())
+        .caption(figure.title, (FONT, 17).into_font())
         .margin(12)
         .x_label_area_size(44)
         .y_label_area_size(72)
@@ -127,6 +126,9 @@ where
         .label_style((FONT, 15).into_font())
         .axis_desc_style((FONT, 16).into_font())
         .draw()?;
+    if !is_ranked {
+        area.draw(&Text::new("too few seeds to rank", (100, 44), (FONT, 16).into_font().color(&FRONT)))?;
+    }
     if has_zero {
         let line = [(x.start, zero.log10()), (x.end, zero.log10())];
         chart.draw_series([PathElement::new(line, KNOB.mix(0.5))])?;
