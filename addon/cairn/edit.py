@@ -250,13 +250,13 @@ def settling(context, collection, added=0, over=(), region="", seed=0):
     statics += yield from others.scenery(context, exporter, collection.cairn.control)
 
     scene_message = v1.Scene(
-        accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
         seed=seed or settings.seed,
         gravity=request.gravity_of(context.scene),
         ground_friction=round(settings.collider_friction, 6),
         ground=settings.use_ground,
         ground_height=_ground(collection, settings) * exporter.metres,
     )
+    request.set_accuracy(v1, scene_message, settings, exporter.metres)
     scene_message.glue.mode = v1.GLUE_MODE_NATURAL
     shape = _add_core(v1, scene_message, exporter, collection, recipe)
     scene_message.output.fps = context.scene.render.fps / context.scene.render.fps_base

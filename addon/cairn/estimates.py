@@ -8,7 +8,6 @@ import bpy
 
 from . import fingerprint, job, preferences, preview, request, running
 from .client import Fault
-from .messages import v1
 
 # How often the scene is checked, and for how long after the tab was last drawn, s.
 TICK = 0.7
@@ -25,12 +24,13 @@ _before = _asked = None
 is_too_much = False
 
 
-def take(plan, accuracy):
-    """Takes a plan for the panel."""
+def take(answer):
+    """Takes the answer about a plan for the panel."""
     running.plan_is_old = False
-    names = {number: name[9:] for name, number in vars(v1).items() if name.startswith("ACCURACY_")}
+    plan, names = answer.plan, running.accuracy_names()
     running.plan = {
-        "accuracy": accuracy,
+        # The preset that the bake would have; with the automatic quality, the server has chosen it.
+        "accuracy": names[answer.effective_scene.accuracy],
         "body_count": plan.expected_body_count,
         "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
@@ -44,6 +44,11 @@ def take(plan, accuracy):
             names[estimate.accuracy]: (seconds / estimate.factor, seconds * estimate.factor)
             for estimate in plan.estimates
             for seconds in (getattr(estimate, "wall_seconds", 0.0) or estimate.cpu_seconds,)
+        },
+        # What else is expected of each: bodies, CPU seconds, and how far a sliding body is off.
+        "others": {
+            names[estimate.accuracy]: (estimate.body_count, estimate.cpu_seconds, getattr(estimate, "speed_error", 0.0))
+            for estimate in plan.estimates
         },
         "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},
     }
@@ -129,7 +134,7 @@ def _read_on():
 
 def _receive(answer):
     try:
-        take(answer.result().plan, bpy.context.scene.cairn.accuracy)
+        take(answer.result())
         # The problems have been fixed.
         running.problems = []
     except Fault:

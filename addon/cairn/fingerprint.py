@@ -28,8 +28,10 @@ def of(scene):
         return None
     values = request.to_dict(settings)
     # All objects are read at once, and the form of the text costs nothing.
-    for name in ("accuracy", "output_mode", "active_prop", "use_replace", "use_prop_collections"):
+    for name in ("output_mode", "active_prop", "use_replace", "use_prop_collections"):
         values.pop(name)
+    # The plan has every quality; only the goal of the automatic one changes which of them it is.
+    goal = [values.pop(name) for name in ("accuracy", "goal", "goal_seconds", "goal_overlap")]
     units = scene.unit_settings.scale_length, scene.render.fps, scene.use_gravity, *scene.gravity
     piles = [(pile.name, pile.cairn.bake_id) for pile in others.of(scene, settings.control_mesh)]
-    return json.dumps([values, parts, units, piles])
+    return json.dumps([values, goal if settings.accuracy == "AUTO" else None, parts, units, piles])

@@ -126,7 +126,7 @@ def draw_kept_shape(layout, settings):
 def effect_of(settings):
     """The expected effect of the choice on this pile, as lines."""
     known = running.plan or {"dots": {}, "kept": {}}
-    low, high = known["kept"].get(settings.accuracy, (0.0, 0.0))
+    low, high = known["kept"].get(preset_of(settings), (0.0, 0.0))
     # The range of eight bakes of ten; a pile that settles into the shape keeps a little more than all of it.
     low, high = (min(100, round(100 * share)) for share in (low, high))
     kept = f"about {high}%" if low == high else f"{low} to {high}%"
@@ -135,7 +135,7 @@ def effect_of(settings):
         return [*lines, "No glue: overhangs fall"]
     if settings.kept_shape == "TACKY":
         return [*lines, "Bodies that need more fall"]
-    dots = known["dots"].get(settings.accuracy, 0.0)
+    dots = known["dots"].get(preset_of(settings), 0.0)
     # The range that the plan states.
     return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
 
@@ -234,8 +234,39 @@ def draw_accuracies(layout, settings):
         row.prop_enum(settings, "accuracy", name)
         costs = row.split(factor=0.52, align=True)
         costs.active = not running.plan_is_old
-        costs.label(text=expected(name))
-        costs.label(text=overlap(name))
+        if name != "AUTO":
+            costs.label(text=expected(name))
+            costs.label(text=overlap(name))
+        elif settings.accuracy == "AUTO":
+            costs.label(text=quality(preset_of(settings)))
+    line = column.column()
+    line.active = not running.plan_is_old
+    line.label(text=others(preset_of(settings)))
+    if settings.accuracy == "AUTO":
+        row = layout.row()
+        row.prop(settings, "goal", expand=True)
+        layout.prop(settings, "goal_seconds" if settings.goal == "TIME" else "goal_overlap")
+
+
+def others(accuracy):
+    """What else is expected of a quality, in one line; empty before it is known."""
+    known = running.plan.get("others", {}).get(accuracy) if running.plan else None
+    if not known:
+        return ""
+    bodies, seconds, speed = known
+    return f"{bodies} bodies, {max(seconds, 1):.0f} CPU s, speed ±{speed:.1%}"
+
+
+def preset_of(settings):
+    """The chosen quality; of the automatic one, the preset that the server has chosen, or none yet."""
+    if settings.accuracy != "AUTO":
+        return settings.accuracy
+    return running.plan["accuracy"] if running.plan else ""
+
+
+def quality(name):
+    """The label of a quality; empty for none."""
+    return next((label for known, label, *_ in ACCURACIES if known == name), "")
 
 
 def expected(accuracy):

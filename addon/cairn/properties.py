@@ -313,6 +313,32 @@ class CairnSettings(PropertyGroup):
         items=ACCURACIES,
         default="STANDARD",
     )
+    goal: EnumProperty(
+        name="Goal",
+        description="What the automatic quality is chosen by",
+        items=[
+            ("TIME", "Time", "The best quality that is expected to be finished in this time"),
+            ("OVERLAP", "Overlap", "The quickest quality that is expected to leave no larger overlaps"),
+        ],
+        default="TIME",
+    )
+    goal_seconds: FloatProperty(
+        name="Time (s)",
+        description="Time from the start to the pile. Nine of ten bakes are expected to take at most a quarter longer",
+        default=60.0,
+        min=0.0,
+        max=1e9,
+        precision=1,
+    )
+    goal_overlap: FloatProperty(
+        name="Overlap",
+        description="Overlap of bodies that is seen: 95 of 100 that touch overlap by no more",
+        unit="LENGTH",
+        default=0.0005,
+        min=0.0,
+        max=1e6,
+        precision=5,
+    )
     seed: IntProperty(
         name="Seed",
         description="The same seed and scene give the same pile; another seed gives another pile",

@@ -90,6 +90,8 @@ class CAIRN_PT_report(Pile, Panel):
                 # A pile that settles into its shape measures a little more than all of it.
                 value = min(value, 1.0) if name == "kept_shape" else value
                 draw_figure(column, title, form(value) if callable(form) else form.format(value))
+        if report.get("accuracy"):
+            draw_figure(column, "Quality", panels.quality(report["accuracy"]))
         if "seconds" in report:
             draw_figure(column, "Time", running.duration(report["seconds"]))
         draw_shares(layout, collection)

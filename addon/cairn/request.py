@@ -194,11 +194,9 @@ def taking(context, passive=False):
     piles = yield from others.scenery(context, exporter, settings.control_mesh)
 
     scene_message = v1.Scene(
-        accuracy=getattr(v1, f"ACCURACY_{settings.accuracy}"),
-        seed=settings.seed,
-        gravity=gravity_of(scene),
-        ground_friction=round(settings.collider_friction, 6),
+        seed=settings.seed, gravity=gravity_of(scene), ground_friction=round(settings.collider_friction, 6)
     )
+    set_accuracy(v1, scene_message, settings, exporter.metres)
     if not is_container(settings):
         scene_message.control_mesh.path = control.uri if control else ""
     if not settings.use_ground:
@@ -346,6 +344,15 @@ def _set_parameters(v1, scene_message, settings):
         _set_glue(v1, scene_message.glue, settings)
     if not settings.use_report:
         leave_figures(v1, scene_message)
+
+
+def set_accuracy(v1, scene_message, settings, metres):
+    """Sets the accuracy, and the goal of the automatic one."""
+    scene_message.accuracy = getattr(v1, f"ACCURACY_{settings.accuracy}")
+    if settings.accuracy == "AUTO" and settings.goal == "TIME":
+        scene_message.goal.seconds = float(f"{settings.goal_seconds:.7g}")
+    elif settings.accuracy == "AUTO":
+        scene_message.goal.overlap = float(f"{settings.goal_overlap:.7g}") * metres
 
 
 def leave_figures(v1, scene_message):

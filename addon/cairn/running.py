@@ -230,6 +230,7 @@ class Bake:
             versions = self.accepted.versions
             record["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
             record["warnings"] += self.accepted.plan.warnings
+            record["accuracy"] = accuracy_names().get(self.accepted.effective_scene.accuracy, "")
         if self.summary:
             summary = self.summary
             record.update(
@@ -273,6 +274,13 @@ class Bake:
         """m. Without a fill, the measure of this name is 0."""
         measured = self.summary.measures.get("prop_diameter") if self.summary else 0.0
         return measured or self.accepted.plan.prop_diameter
+
+
+def accuracy_names():
+    """The names of the qualities, by their numbers in messages."""
+    from .messages import v1
+
+    return {number: name[9:] for name, number in vars(v1).items() if name.startswith("ACCURACY_")}
 
 
 def report_of(collection):

@@ -153,9 +153,12 @@ def _group(message):
 PARAMETERS = {message: _group(message) for message in GROUPS if message in FIELDS}
 
 
-# In ascending order of cost; only those in the schema.
-BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER")
+# In ascending order of cost; only those in the schema. Last, the one that a goal chooses.
+BY_COST = ("DRAFT", "PREVIEW", "STANDARD", "FINE", "REFERENCE", "PAPER", "AUTO")
 ACCURACIES = sorted(
-    items_of(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy")),
+    (
+        (name, "Automatic" if name == "AUTO" else label, *rest)
+        for name, label, *rest in items_of(next(field for field in FIELDS["Scene"] if field["name"] == "accuracy"))
+    ),
     key=lambda item: BY_COST.index(item[0]) if item[0] in BY_COST else len(BY_COST),
 )

@@ -134,7 +134,6 @@ class CAIRN_OT_check(_Waits, Operator):
         with start_frame(context):
             taken = yield from request.taking(context)
         running.problems, running.names = [], taken.recipe["names"]
-        self.accuracy = context.scene.cairn.accuracy
         estimates.asked(context)
         self.answer = job.plan(preferences.server(context), taken.spec, taken.contents, taken.problems)
 
@@ -183,11 +182,12 @@ class CAIRN_OT_check(_Waits, Operator):
 
     def _take(self):
         try:
-            plan = self.answer.result().plan
+            answer = self.answer.result()
         except Fault as fault:
             running.plan = None
             return explain(self, fault)
-        estimates.take(plan, self.accuracy)
+        estimates.take(answer)
+        plan = answer.plan
         if bpy.app.background:
             print(f"Cairn: about {plan.expected_body_count} bodies, {plan.expected_step_count} steps", flush=True)
         return {"FINISHED"}

@@ -1,6 +1,7 @@
 """Whole bakes against the real server: what comes into the scene, and what stays as it was."""
 
 import json
+import re
 
 import bpy
 import numpy as np
@@ -163,6 +164,7 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
         "",
     ]
     assert panels.reliance() == "Time / Overlap"
+    assert re.fullmatch(r"\d+ bodies, \d+ CPU s, speed ±0.\d%", panels.others("FINE")) and panels.others("PAPER") == ""
     running.plan["overlaps"] = {"DRAFT": 0.017, "STANDARD": 0.00028, "REFERENCE": 9e-6}
     assert [panels.overlap(name) for name in ("DRAFT", "STANDARD", "REFERENCE", "PAPER")] == [
         "2 cm",
@@ -176,6 +178,29 @@ def test_check_tells_what_each_accuracy_costs(desk, addon):
     assert addon("fingerprint").of(bpy.context.scene) == asked
     desk.settings.fill.use_count = True
     assert addon("fingerprint").of(bpy.context.scene) != asked
+
+
+def test_a_goal_chooses_the_quality(desk, addon):
+    desk.add_stick()
+    running, panels, asked = addon("running"), addon("panels"), addon("fingerprint").of
+    desk.settings.accuracy, desk.settings.goal_seconds = "AUTO", 100000.0
+    before = asked(bpy.context.scene)
+    assert panels.preset_of(desk.settings) == ""
+    assert bpy.ops.cairn.check() == {"FINISHED"}
+    assert panels.preset_of(desk.settings) == "REFERENCE" and panels.quality("REFERENCE") == "Reference"
+    # What it shapes and glues is that of the chosen one.
+    assert panels.effect_of(desk.settings)
+    desk.settings.goal, desk.settings.goal_overlap = "OVERLAP", 1.0
+    assert asked(bpy.context.scene) != before
+    collection = desk.bake(use_frame_count=True, frame_count=2)
+    assert desk.request.spec.scene.goal.overlap == 1.0
+    report = running.report_of(collection)
+    assert report["accuracy"] == "DRAFT" and report["measures"]["visible_depth_p95"] <= 1.0
+    # A goal that is not kept is said.
+    desk.settings.goal, desk.settings.goal_seconds = "TIME", 0.0
+    report = running.report_of(desk.bake(seed=2))
+    assert report["accuracy"] == "DRAFT"
+    assert any("its goal is 0.0 s" in text for text in report["warnings"])
 
 
 def test_what_glue_does_is_told_before_the_bake(desk, addon):

@@ -62,6 +62,9 @@ fn a_study_of_a_small_pile() {
     // The recommendation is in the table and above the plot; each preset has one label in each of the three panels.
     assert!(table.contains("Choose `") && plot.contains("Choose "), "{table}");
     assert!(plot.contains("1 seed,"));
+    // One seed ranks nothing.
+    assert!(table.contains("too few seeds to rank the presets by overlap"), "{table}");
+    assert!(plot.contains("too few seeds to rank\n"));
     assert_eq!(plot.matches("\nreference\n").count(), 3);
     assert!(std::fs::read(desk.path("study/cost.png")).unwrap().starts_with(b"\x89PNG"));
 

@@ -1,4 +1,4 @@
-//! `cairn bake --budget` and `--overlap`: a goal chooses the accuracy.
+//! The accuracy `auto`, in scene files and by `--budget` and `--overlap`: a goal chooses the preset.
 
 use crate::desk::{Desk, Done};
 use serde_json::Value;
@@ -40,7 +40,7 @@ fn a_time_chooses_the_accuracy() {
     assert_eq!(accuracy(&desk), "reference");
     // Nothing is that quick: the quickest is baked, and both are said.
     let done = bake(&desk, "--budget 1us");
-    for text in ["no accuracy is expected to be finished in 0.0 s: draft may take", "its budget is 0.0 s"] {
+    for text in ["no accuracy is expected to be finished in 0.0 s: draft may take", "its goal is 0.0 s"] {
         assert!(done.stderr.contains(text), "{}", done.stderr);
     }
     done.ok();
@@ -62,8 +62,7 @@ fn an_overlap_that_is_not_kept_is_baked_again() {
     let desk = Desk::new();
     desk.write("crossed.toml", CROSSED);
     let done = desk.line("bake crossed.toml --frames 2 -o pile.glb --report report.json --overlap 1mm");
-    for text in ["meshes overlap by up to", "accuracy reference, expected", "more than 1.0 mm, at the highest accuracy"]
-    {
+    for text in ["meshes overlap by up to", "the goal is 1.0 mm", "baking again with accuracy reference"] {
         assert!(done.stderr.contains(text), "{}", done.stderr);
     }
     done.ok();
@@ -71,6 +70,36 @@ fn an_overlap_that_is_not_kept_is_baked_again() {
     let done = desk.line("bake crossed.toml --frames 2 -o pile.glb --overlap 1m --set report.visible=off");
     assert!(done.stderr.contains("the overlap was not measured"), "{}", done.stderr);
     done.ok();
+}
+
+/// A scene file says the same as the flags. The result is that of the chosen preset, and can be baked again from what
+/// it holds.
+#[test]
+fn a_result_holds_the_preset_that_was_chosen() {
+    let desk = Desk::new();
+    let scene = "control_mesh = 'cone.glb'\nprops = ['stick.glb']\naccuracy = 'auto'\ngoal = { overlap = 1 }\n\
+                 fill = { count = 3 }\noutput = { frames = 2 }\n";
+    desk.write("auto.toml", scene);
+    let hashes = |name: &str| {
+        let report: Value = serde_json::from_slice(&std::fs::read(desk.path(name)).unwrap()).unwrap();
+        ["request_blake3", "result_blake3", "output_blake3"].map(|name| report[name].as_str().unwrap().to_owned())
+    };
+    desk.line("bake auto.toml -o auto.glb --report report.json --no-cache").ok();
+    assert_eq!(accuracy(&desk), "draft");
+    let auto = hashes("report.json");
+    let report: Value = serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap();
+    assert_eq!(report["scene"]["goal"]["overlap"], 1.0);
+    assert!(report["notes"].to_string().contains("accuracy draft, expected"), "{}", report["notes"]);
+    desk.line("bake auto.glb -o again.glb --report again.json --no-cache").ok();
+    assert_eq!(hashes("again.json"), auto, "the result's own scene");
+    desk.line("bake auto.toml --accuracy draft -o preset.glb --report preset.json --no-cache").ok();
+    assert_eq!(hashes("preset.json")[..2], auto[..2], "the same bake as with the preset");
+    // A batch knows what is finished, whatever the goal chose.
+    desk.line("batch auto.toml --seeds 1 -o {seed}.glb").ok();
+    let listed = desk.line("batch auto.toml --seeds 1 -o {seed}.glb --dry-run").ok();
+    assert!(listed.ends_with("finished\n"));
+    let plan: Value = serde_json::from_str(&desk.line("plan auto.toml --json").ok()).unwrap();
+    assert!(plan["notes"].to_string().contains("accuracy draft, expected"), "{}", plan["notes"]);
 }
 
 #[test]

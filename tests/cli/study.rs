@@ -63,8 +63,8 @@ fn presets_are_ordered_by_their_price() {
         spans.push(costs[4] / costs[0]);
     }
     assert_eq!(odd, out_of_order("- By time: "));
-    assert!(5 * odd.len() <= spans.len(), "{odd:?}");
-    assert!(median(spans.clone()) > 6.0, "{spans:?}");
+    assert!(7 * odd.len() <= spans.len(), "{odd:?}");
+    assert!(median(spans.clone()) > 8.0, "{spans:?}");
 }
 
 /// A more expensive preset is seen to overlap less, up to what seeds differ by, in all piles but those that the page
@@ -82,15 +82,16 @@ fn presets_are_ordered_by_what_overlaps() {
         assert!(10.0 * middle[4] <= middle[0], "{name}: {middle:?}");
     }
     assert_eq!(odd, out_of_order("- By what is seen to overlap: "));
-    assert!(5 * odd.len() <= piles.len(), "{odd:?}");
+    assert!(10 * odd.len() <= piles.len(), "{odd:?}");
     // Of nine in ten piles, what is delivered has no overlap that can be seen.
     let mut standard: Vec<f64> = piles.iter().map(|(_, pile)| overlap(row(pile, "standard"), "median")).collect();
     standard.sort_by(f64::total_cmp);
     assert!(standard[standard.len() / 2] <= 0.006, "{standard:?}");
 }
 
-/// No single change of `standard` dominates it, or a quicker preset, on half of the searched piles: a tenth
-/// cheaper, a tenth better in a headline figure, and no worse in the others.
+/// No single change of `standard` dominates it, or another preset, on half of the searched piles: a tenth cheaper, a
+/// tenth better in a headline figure, and no worse in the others. Where `standard` leaves no overlap, `fine` and
+/// `reference` differ from it by their seeds alone: there, better means beyond the seeds.
 #[test]
 fn no_change_of_one_parameter_beats_a_preset() {
     let piles: Vec<Value> =
@@ -98,14 +99,18 @@ fn no_change_of_one_parameter_beats_a_preset() {
     let knobs = rows(&piles[0]).iter().filter(|row| row["kind"] == "knob");
     let knobs: Vec<&str> = knobs.map(|row| row["variant"].as_str().unwrap()).collect();
     assert!(knobs.len() >= 15, "{knobs:?}");
-    // Where `standard` leaves no overlap, the more expensive ones buy none, as the page says.
-    for preset in ["draft", "preview", "standard"] {
+    for preset in PRESETS {
+        let least = |row: &Value, figure: &str| match preset {
+            "fine" | "reference" => row["errors"][figure]["low"].as_f64(),
+            _ => error(row, figure),
+        };
         for knob in &knobs {
             let beats = |pile: &&Value| {
                 let (preset, knob) = (row(pile, preset), row(pile, knob));
                 let both = HEADLINE.iter().filter_map(|figure| Some((error(knob, figure)?, error(preset, figure)?)));
                 let both: Vec<(f64, f64)> = both.collect();
-                let is_better = both.iter().any(|(ours, other)| *ours < 0.9 * other);
+                let leads = |figure: &&str| Some(error(knob, figure)? < 0.9 * least(preset, figure)?);
+                let is_better = HEADLINE.iter().filter_map(leads).any(|leads| leads);
                 cost(knob) < 0.9 * cost(preset) && is_better && both.iter().all(|(ours, other)| ours <= other)
             };
             let beaten = piles.iter().filter(beats).count();
@@ -114,23 +119,62 @@ fn no_change_of_one_parameter_beats_a_preset() {
     }
 }
 
-/// `cairn plan` shows the errors that the study found, their means.
+/// `cairn plan` shows what the studies found: means over the piles, of overlaps over those of boxes and balls, since
+/// the props are sticks; and how far a sliding block is off.
 #[test]
 fn a_plan_tells_what_the_study_found() {
     let desk = Desk::new();
     let plan: Value = serde_json::from_str(&desk.line("plan --control cone.glb --prop stick.glb --json").ok()).unwrap();
-    let estimates = plan["estimates"].as_array().unwrap();
-    for (preset, estimate) in PRESETS.iter().zip(estimates) {
-        for (figure, estimated) in [("overlap", "overlap_rel"), ("imbalance", "imbalance"), ("shape", "shape_error")] {
-            let all = piles();
-            let all: Vec<f64> = all.iter().filter_map(|(_, pile)| error(row(pile, preset), figure)).collect();
-            let found = all.iter().sum::<f64>() / all.len() as f64;
-            let estimated = estimate[estimated].as_f64().unwrap();
+    let problems = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/problems/results.json");
+    let problems: Value = serde_json::from_slice(&std::fs::read(problems).unwrap()).unwrap();
+    let problems = problems["problems"].as_array().unwrap();
+    let slide = rows(problems.iter().find(|problem| problem["problem"] == "slide").unwrap());
+    // The exact distance, mm.
+    let distance = 804.0;
+    let all = piles();
+    for (preset, estimate) in PRESETS.iter().zip(plan["estimates"].as_array().unwrap()) {
+        let mean = |figure: &str, primitive: bool| {
+            let of = all.iter().filter(|(_, pile)| !primitive || pile["primitive"] == true);
+            let values: Vec<f64> = of.filter_map(|(_, pile)| error(row(pile, preset), figure)).collect();
+            values.iter().sum::<f64>() / values.len() as f64
+        };
+        let of_cairn = |row: &&Value| row["engine"] == "Cairn" && row["settings"] == *preset;
+        let slid = slide.iter().find(of_cairn).unwrap()["error"].as_f64().unwrap() / distance;
+        for (name, found) in [
+            ("overlap_rel", mean("overlap", true)),
+            ("imbalance", mean("imbalance", false)),
+            ("shape_error", mean("shape", false)),
+            ("speed_error", slid),
+        ] {
+            let estimated = estimate[name].as_f64().unwrap();
             // Two digits.
-            assert!(
-                (estimated - found).abs() <= 0.06 * found + 1e-6,
-                "{preset}: {figure} of {estimated}, the study has {found}"
-            );
+            assert!((estimated - found).abs() <= 0.06 * found + 1e-6, "{preset}: {name} {estimated}, found {found}");
         }
+        // What nine of ten do not exceed, of their thickness.
+        let mut found: Vec<f64> = all
+            .iter()
+            .filter(|(_, pile)| pile["primitive"] == true)
+            .map(|(_, pile)| error(row(pile, preset), "overlap").unwrap())
+            .collect();
+        found.sort_by(f64::total_cmp);
+        let most = found[(9 * found.len()).div_ceil(10) - 1];
+        let thickness = estimate["overlap"].as_f64().unwrap() / estimate["overlap_rel"].as_f64().unwrap().max(1e-12);
+        let estimated = estimate["most_overlap"].as_f64().unwrap();
+        assert!((estimated - most * thickness).abs() <= 0.06 * most * thickness + 1e-6, "{preset}: {estimated}");
     }
+}
+
+/// The accuracy `auto` keeps to its time, up to a quarter, and to its overlap on nine of ten piles
+/// (`tests/studies/accuracy/goals`).
+#[test]
+fn goals_are_kept_on_nine_of_ten_piles() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/accuracy/goals.json");
+    let all: serde_json::Map<String, Value> = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    let number = |one: &Value, name: &str| one[name].as_f64().unwrap();
+    let in_time = all.values().filter(|one| number(one, "cpu_seconds") <= 1.25 * number(one, "budget")).count();
+    let within = all.values().filter(|one| number(one, "reached") <= number(one, "overlap")).count();
+    assert!(all.len() >= 10 && 10 * in_time.min(within) >= 9 * all.len(), "{in_time} and {within} of {}", all.len());
+    // Several presets were chosen: one that is always chosen would be no choice.
+    let chosen: std::collections::BTreeSet<&str> = all.values().map(|one| one["chosen"].as_str().unwrap()).collect();
+    assert!(chosen.len() >= 3, "{chosen:?}");
 }

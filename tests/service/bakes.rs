@@ -7,8 +7,8 @@ use crate::server::{
 use cairn::wire::proto::bake_event::Kind;
 use cairn::wire::proto::{
     Accuracy, Artifact, AssetReference, BakeEvent, BakeRequest, BakeState, ControlMode, DeleteBakeRequest,
-    DownloadResultRequest, FrameSelection, GetBakeRequest, GetServerInfoRequest, ListBakesRequest, OutputFormat,
-    PlanBakeRequest, Prop, Stage, WatchBakeRequest,
+    DownloadResultRequest, FrameSelection, GetBakeRequest, GetServerInfoRequest, Goal, ListBakesRequest, OutputFormat,
+    PlanBakeRequest, Prop, Stage, WatchBakeRequest, goal,
 };
 use tonic::Code;
 
@@ -54,6 +54,41 @@ async fn a_plan_simulates_nothing() {
     // Its events are the same on every machine.
     let Some(Kind::Accepted(accepted)) = &answer[0].kind else { panic!("{answer:?}") };
     assert!(accepted.plan.as_ref().unwrap().estimates.is_empty());
+}
+
+/// A goal chooses the preset, and the bake is that of the preset: for everyone who asks for it.
+#[tokio::test]
+async fn a_goal_chooses_the_preset() {
+    let server = Server::start(&[]);
+    let mut service = server.ready().await.service;
+    let mut wanted = short(1);
+    let scene = wanted.scene.as_mut().unwrap();
+    scene.set_accuracy(Accuracy::Auto);
+    let missing = service.plan_bake(PlanBakeRequest { spec: Some(wanted.clone()) }).await.unwrap_err();
+    assert_eq!(fields(&assert_fault(&missing, Code::InvalidArgument, "SCENE_INVALID")), ["spec.scene.goal"]);
+    let missing = service.bake(request(wanted.clone())).await.unwrap_err();
+    assert_fault(&missing, Code::InvalidArgument, "SCENE_INVALID");
+
+    let scene = wanted.scene.as_mut().unwrap();
+    scene.goal = Some(Goal { kind: Some(goal::Kind::Overlap(1e3)) });
+    let planned = service.plan_bake(PlanBakeRequest { spec: Some(wanted.clone()) }).await.unwrap().into_inner();
+    assert_eq!(planned.effective_scene.unwrap().accuracy(), Accuracy::Draft);
+    let said = planned.plan.unwrap().warnings.join(" ");
+    assert!(said.contains("accuracy draft, expected to take up to"), "{said}");
+
+    let (answer, end) = events(service.bake(request(wanted.clone())).await.unwrap().into_inner()).await;
+    end.unwrap();
+    let Some(Kind::Accepted(accepted)) = &answer[0].kind else { panic!("{answer:?}") };
+    let effective = accepted.effective_scene.as_ref().unwrap();
+    assert_eq!((effective.accuracy(), effective.goal), (Accuracy::Draft, wanted.scene.as_ref().unwrap().goal));
+    assert_eq!(accepted.bake_id, planned.bake_id);
+    // The same bake, named by its preset.
+    let scene = wanted.scene.as_mut().unwrap();
+    scene.set_accuracy(Accuracy::Draft);
+    scene.goal = None;
+    let (same, end) = events(service.bake(request(wanted)).await.unwrap().into_inner()).await;
+    end.unwrap();
+    assert_eq!(accepted_id(&same), accepted.bake_id);
 }
 
 #[tokio::test]

@@ -2,13 +2,15 @@
 //! `cargo run --release --example fit_estimate -- runs.jsonl...`.
 //!
 //! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the
-//! same weight, slightly regularised since single parameters vary in few files; printed as the constants of
-//! `server/core/src/prepare/estimate/model.rs`. The cost is taken to grow as the number of bodies: a file has about one
-//! number, so that an exponent could not be separated from what else distinguishes the files.
+//! same weight: how far the present exponents of `server/core/src/prepare/estimate/model.rs` have to move, which counts
+//! against it as much as a few files do; printed as its constants. Only exponents that differ enough between piles
+//! move. The cost is taken to grow as the number of bodies: a file has about one number, so that an exponent could not
+//! be separated from what else distinguishes the files. Figures are those of `cairn cost`, which measures more than a
+//! bake does: their time is no part of it.
 
 use anyhow::{Context, ensure};
 use cairn::cost::Record;
-use cairn_core::prepare::estimate::{CostExponents, FEATURES};
+use cairn_core::prepare::estimate::{CostExponents, FEATURES, LAWS};
 use cairn_core::prepare::packing;
 use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
@@ -31,15 +33,17 @@ struct Arguments {
     runs: Vec<PathBuf>,
 }
 
-/// Of the exponents, against a weight of 1 for each file.
+/// Of the packing's exponents, against a weight of 1 for each fill.
 const RIDGE: f64 = 1e-3;
-/// The stages that a law is fitted for, by the names of the constants.
-const LAWS: [(&str, &[&str]); 4] = [
-    ("FILL", &["fill"]),
-    ("GLUE", &["glue"]),
-    ("RELEASE_AND_HOLD", &["release", "hold"]),
-    ("MEASURE", &["measure", "shape"]),
-];
+/// A change of an exponent by 1 counts as much as so many files that are off by a factor of e.
+const INERTIA: f64 = 3.0;
+/// The exponents that move. The first one is the factor, which moves freely.
+const MOVES: [&str; 3] = ["1", "corners", "parts"];
+/// Shorter stages are noise, s.
+const SHORTEST: f64 = 0.02;
+/// The stages of the laws, in the order of [`LAWS`], by the names of the constants.
+const STAGES: [(&str, &[&str]); 3] =
+    [("FILL", &["fill"]), ("GLUE", &["glue"]), ("RELEASE_AND_HOLD", &["release", "hold"])];
 
 fn main() -> anyhow::Result<()> {
     let mut runs: Vec<Run> = Vec::new();
@@ -60,7 +64,7 @@ fn main() -> anyhow::Result<()> {
         calibrate(cairn::job::machine::cpu_seconds)? * cairn_core::prepare::estimate::CALIBRATION_SECONDS
     );
     let laws = fit_all(&runs.iter().collect::<Vec<_>>());
-    for ((name, _), law) in LAWS.iter().zip(&laws) {
+    for ((name, _), law) in STAGES.iter().zip(&laws) {
         let numbers: Vec<String> = law.iter().map(|w| format!("{w:.3}")).collect();
         println!("/// Of {}.\npub const {name}: CostExponents = [{}];", FEATURES.join(", "), numbers.join(", "));
     }
@@ -147,10 +151,6 @@ fn predict(law: &CostExponents, record: &Record) -> f64 {
     record.workload.features().iter().zip(law).map(|(f, w)| f * w).sum::<f64>().exp()
 }
 
-/// Features that nothing gets cheaper by: their exponents are kept from being negative, which few or noisy runs would
-/// make them.
-const RAISES_COST: [&str; 7] = ["corners", "parts", "walls", "times", "step_rate", "substeps", "coulomb"];
-
 /// What a stage of the law took.
 fn seconds(record: &Record, stages: &[&str]) -> f64 {
     stages.iter().filter_map(|stage| record.seconds.get(*stage)).sum()
@@ -158,19 +158,25 @@ fn seconds(record: &Record, stages: &[&str]) -> f64 {
 
 /// How much longer than at `standard` the record's accuracy takes for these stages: the laws are of `standard`.
 fn care(record: &Record, stages: &[&str]) -> f64 {
-    if stages.contains(&"fill") { record.workload.fill_cost_factor } else { 1.0 }
+    match stages {
+        ["fill"] => record.workload.fill_cost_factor,
+        ["glue"] => record.workload.glue_cost_factor,
+        _ => 1.0,
+    }
 }
 
 fn fit_all(runs: &[&Run]) -> Vec<CostExponents> {
-    LAWS.iter().map(|(_, stages)| fit(runs, stages)).collect()
+    STAGES.iter().zip(&LAWS).map(|((_, stages), present)| fit(runs, stages, present)).collect()
 }
 
 /// Prints how far laws are from these runs.
 fn print_error<'r>(of: &str, laws: &[CostExponents], runs: impl Iterator<Item = &'r Run>) {
     let far = |Run { record, .. }: &Run| {
-        let stages = LAWS.iter().zip(laws).filter(|((_, stages), _)| seconds(record, stages) > 0.0);
-        let expected: f64 = stages.map(|((_, stages), law)| care(record, stages) * predict(law, record)).sum();
-        (expected / record.seconds.values().sum::<f64>()).ln().abs().exp()
+        let stages = STAGES.iter().zip(laws).filter(|((_, stages), _)| seconds(record, stages) > 0.0);
+        let (expected, taken) = stages.fold((0.0, 0.0), |(expected, taken), ((_, stages), law)| {
+            (expected + care(record, stages) * predict(law, record), taken + seconds(record, stages))
+        });
+        (expected / taken).ln().abs().exp()
     };
     let mut far: Vec<f64> = runs.map(far).collect();
     far.sort_by(f64::total_cmp);
@@ -179,28 +185,26 @@ fn print_error<'r>(of: &str, laws: &[CostExponents], runs: impl Iterator<Item = 
     println!("// {of}: {} runs within a factor of {half:.2} (half), {most:.2} (90 %), {all:.2} (all)", far.len());
 }
 
-/// Weighted least squares of the logarithm of the seconds, where there are any.
-fn fit(runs: &[&Run], stages: &[&str]) -> CostExponents {
-    let used: Vec<&&Run> = runs.iter().filter(|run| seconds(&run.record, stages) > 0.0).collect();
-    let mut columns: Vec<usize> = (0..FEATURES.len()).filter(|&i| FEATURES[i] != "bodies").collect();
-    loop {
-        let row = |i: usize, j: usize| used[i].weight.sqrt() * used[i].record.workload.features()[columns[j]];
-        let a = DMatrix::from_fn(used.len(), columns.len(), row);
-        let b = DVector::from_fn(used.len(), |i, _| {
-            let record = &used[i].record;
-            used[i].weight.sqrt() * (seconds(record, stages) / care(record, stages) / record.workload.bodies).ln()
-        });
-        let normal = a.transpose() * &a + DMatrix::identity(columns.len(), columns.len()) * RIDGE;
-        let found = normal.cholesky().expect("a ridge makes it positive definite").solve(&(a.transpose() * b));
-        let weights = columns.iter().zip(found.iter());
-        let wrong = weights.clone().filter(|(i, w)| RAISES_COST.contains(&FEATURES[**i]) && **w < 0.0);
-        match wrong.min_by(|a, b| a.1.total_cmp(b.1)).map(|(&i, _)| i) {
-            Some(negative) => columns.retain(|&i| i != negative),
-            None => {
-                let mut all = FEATURES.map(|name| f64::from(u8::from(name == "bodies")));
-                weights.for_each(|(&i, &w)| all[i] = w);
-                return all;
-            }
-        }
-    }
+/// Weighted least squares of the logarithm of the seconds, from the present exponents on. A glued pile hardly moves:
+/// its release is no part of that law.
+fn fit(runs: &[&Run], stages: &[&str], present: &CostExponents) -> CostExponents {
+    let is_used = |run: &&&Run| {
+        let is_glue = stages == ["glue"];
+        seconds(&run.record, stages) > SHORTEST && (stages == ["fill"] || run.record.workload.glued == is_glue)
+    };
+    let used: Vec<&&Run> = runs.iter().filter(is_used).collect();
+    let columns: Vec<usize> = (0..FEATURES.len()).filter(|&i| MOVES.contains(&FEATURES[i])).collect();
+    let row = |i: usize, j: usize| used[i].weight.sqrt() * used[i].record.workload.features()[columns[j]];
+    let a = DMatrix::from_fn(used.len(), columns.len(), row);
+    let b = DVector::from_fn(used.len(), |i, _| {
+        let record = &used[i].record;
+        let expected = care(record, stages) * predict(present, record);
+        used[i].weight.sqrt() * (seconds(record, stages) / expected).ln()
+    });
+    let inertia = |i: usize, j: usize| if i == j && FEATURES[columns[i]] != "1" { INERTIA } else { 0.0 };
+    let normal = a.transpose() * &a + DMatrix::from_fn(columns.len(), columns.len(), inertia);
+    let moved = normal.lu().solve(&(a.transpose() * b)).unwrap_or_else(|| DVector::zeros(columns.len()));
+    let mut law = *present;
+    columns.iter().zip(moved.iter()).for_each(|(&i, by)| law[i] += by);
+    law
 }

@@ -195,12 +195,19 @@ impl Range {
     }
 }
 
+/// A value of the wire that the core never sees: whoever reads the scene's files puts another one in its place.
+const CHOSEN: &str = "ACCURACY_AUTO";
+
 /// The names of an enum's values in Rust, with their comments; the zero value is that of an unset field.
 fn variants(of: &EnumDescriptor) -> Vec<(String, String)> {
+    let values = of.values().filter(|value| value.number() != 0 && value.name() != CHOSEN);
+    values.map(|value| (variant(of, value.name()), comment(&of.parent_file(), value.path()))).collect()
+}
+
+/// The name of an enum's value in Rust.
+fn variant(of: &EnumDescriptor, full: &str) -> String {
     let prefix = of.default_value().name().trim_end_matches("UNSPECIFIED").to_owned();
-    let values = of.values().filter(|value| value.number() != 0);
-    let name = |full: &str| camel(full.strip_prefix(&prefix).expect("values begin with the enum's name"));
-    values.map(|value| (name(value.name()), comment(&of.parent_file(), value.path()))).collect()
+    camel(full.strip_prefix(&prefix).expect("values begin with the enum's name"))
 }
 
 /// `AS_MODELLED` and `as_modelled` -> `AsModelled`.

@@ -1,6 +1,9 @@
 //! Conversions between the core's parameters and the messages, for `cairn::wire`.
 
-use crate::{Group, Parameter, Schema, Value, camel, is_deprecated, is_text, measure, of_field, stated, variants};
+use crate::{
+    CHOSEN, Group, Parameter, Schema, Value, camel, is_deprecated, is_text, measure, of_field, stated, variant,
+    variants,
+};
 use protox::prost_reflect::{EnumDescriptor, FieldDescriptor, Kind, MessageDescriptor};
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -54,6 +57,9 @@ fn twins(code: &mut String, of: &EnumDescriptor, module: &str) {
     for (variant, _) in variants(of) {
         writeln!(to, "Core::{variant} => Self::{variant},").unwrap();
         writeln!(from, "proto::{name}::{variant} => Some(Core::{variant}),").unwrap();
+    }
+    for value in of.values().filter(|value| value.name() == CHOSEN) {
+        writeln!(from, "proto::{name}::{} => None,", variant(of, value.name())).unwrap();
     }
     let core = format!("use cairn_core::input::{module}::{name} as Core;");
     writeln!(

@@ -64,6 +64,7 @@ use prepare::effects::{EffectName, Resolved};
 use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
+use rayon::prelude::*;
 use report::bake::{Bake, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
@@ -76,6 +77,7 @@ use stages::taking_apart::RemovedBody;
 use stages::turn_over::TurnOverInputs;
 use stages::{containers, fill, glue, hold, release, separate, taking_apart, turn_over};
 use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
 use world::Units;
 
 /// Checks the scene and summarizes the bake without simulating it.
@@ -93,13 +95,21 @@ pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
     Ok(Workload::of(scene, params, &checked, &shapes))
 }
 
-/// Estimates the cost of the scene with each of `ladder`, by the collision shapes that `params` ask for; simulates
-/// nothing. `machine`: from [`stages::calibrate`].
+/// Estimates the cost of the scene with each of `ladder`, by collision shapes as these ask for; simulates nothing.
+/// `machine`: from [`stages::calibrate`].
 pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
     // The result of the check does not depend on the accuracy.
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
-    let shapes = shape::run(scene, params, &checked.sizes, &mut Silent)?;
-    Ok(ladder.iter().map(|params| estimate::of(scene, params, &checked, &shapes, machine)).collect())
+    let maker = |(i, params): (usize, &Params)| {
+        let like = params.accuracy.traits().shapes_like;
+        ladder.iter().position(|other| other.accuracy == like).unwrap_or(i)
+    };
+    let makers: Vec<usize> = ladder.iter().enumerate().map(maker).collect();
+    let made = makers.iter().copied().collect::<BTreeSet<usize>>().into_par_iter();
+    let made = made.map(|i| Ok((i, shape::run(scene, &ladder[i], &checked.sizes, &mut Silent)?)));
+    let shapes: BTreeMap<usize, Vec<Shape>> = made.collect::<Result<_, Error>>()?;
+    let pairs = ladder.iter().zip(&makers);
+    Ok(pairs.map(|(params, i)| estimate::of(scene, params, &checked, &shapes[i], machine)).collect())
 }
 
 /// The method: fill, turn over, glue, release, hold, report. A scene may bring its bodies along instead of a fill.

@@ -9,16 +9,16 @@ use crate::model::export::Format;
 use crate::problem::Problem;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
-use crate::wire::proto::Scene;
-use cairn_core::input::params::Params;
+use crate::wire::proto::{Accuracy, Scene};
+use cairn_core::input::params::{Accuracy as Preset, Params};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Hashes of a variant's request.
 pub struct RequestHashes {
-    /// See [`request::hash`].
-    pub request: blake3::Hash,
+    /// See [`request::hash`]. With the accuracy `auto`, one for each preset that it may become.
+    pub requests: Vec<blake3::Hash>,
     /// Equal only for variants that share their fill.
     pub fill: blake3::Hash,
 }
@@ -55,8 +55,16 @@ impl Assets {
         let models = model_files(&scene);
         let names = PortableNames::new(models.iter().map(PathBuf::as_path), variant.tree.folder());
         let fill = fill_hash(&scene, &params, &assets, &names);
-        let request = request::request(effective(&scene, &params), assets, format, &names);
-        Ok(RequestHashes { request: request::hash(&request), fill })
+        let presets: Vec<i32> = match scene.accuracy() {
+            Accuracy::Auto => Preset::LADDER.iter().map(|&preset| Accuracy::from(preset).into()).collect(),
+            _ => vec![scene.accuracy],
+        };
+        let hash = |accuracy: i32| {
+            let scene = Scene { accuracy, ..scene.clone() };
+            let effective = effective(&scene, &from_proto::params(&scene)?);
+            Ok(request::hash(&request::request(effective, assets.clone(), format, &names)))
+        };
+        Ok(RequestHashes { requests: presets.into_iter().map(hash).collect::<Result<_, Vec<Problem>>>()?, fill })
     }
 }
 
@@ -69,11 +77,11 @@ fn fill_hash(scene: &Scene, params: &Params, assets: &[Asset], names: &PortableN
     blake3::hash(format!("{given:?} {control_mesh:?} {props:?} {bodies:?} {piles:?} {around:?} {files:?}").as_bytes())
 }
 
-/// Whether result and report exist, belong to this request, and are undamaged.
-pub fn is_finished(output: &Path, report: &Path, request: &blake3::Hash) -> bool {
+/// Whether result and report exist, belong to one of these requests, and are undamaged.
+pub fn is_finished(output: &Path, report: &Path, requests: &[blake3::Hash]) -> bool {
     let read = || {
         let report: ReportFile = serde_json::from_slice(&std::fs::read(report).ok()?).ok()?;
-        let is_same = report.request_blake3 == request.to_hex().as_str();
+        let is_same = requests.iter().any(|request| report.request_blake3 == request.to_hex().as_str());
         Some(is_same && report.output_blake3 == blake3::hash(&std::fs::read(output).ok()?).to_hex().as_str())
     };
     read().unwrap_or(false)

@@ -8,6 +8,7 @@ use super::remote::{self, ConnectionArgs, Delivery, QueueArgs};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, print_error, print_note, print_warning, summary};
 use crate::files;
+use crate::job::goal::OVERLAP;
 use crate::job::{FinishedBake, Job, JobError, machine};
 use crate::model::export::{self, Encoded, Format};
 use crate::problem::Problem;
@@ -88,15 +89,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let what = "progress is also written to the standard output";
         return Err(Failure::usage("--progress openjd", what, "Name a file for the result."));
     }
-    let tree = args.scene.tree()?;
+    let mut tree = args.scene.tree()?;
+    args.goal.set(&mut tree);
     if let Some(server) = &args.server {
         return bake_there(args, &tree, format, server);
     }
     args.bounds.enforce(|| {
         machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
-        let Some(goal) = args.goal.goal() else { return bake(args, &tree, format).map(drop) };
-        let ladder = Job::read_tree(&tree, args.bounds.limits())?.expectations()?;
-        goal::keep(goal, &ladder, &tree, |tree| bake(args, tree, format))
+        goal::keep(&tree, |tree| bake(args, tree, format))
     })
 }
 
@@ -108,15 +108,16 @@ fn bake_there(args: &Args, tree: &SceneTree, format: Format, server: &str) -> Re
     let (output, report) = (Some(&*args.output), args.report.as_deref());
     let delivery = Delivery { output, format: Some(format), report, progress: &args.progress };
     let bake = |tree: &SceneTree| remote::bake(&target, tree.to_message(), &files, format, &args.queue, &delivery);
-    let Some(goal) = args.goal.goal() else { return bake(tree).map(drop) };
-    let ladder = remote::expectations(&remote::plan(&target, tree.to_message(), &files)?);
-    goal::keep(goal, &ladder, tree, bake)
+    goal::keep(tree, bake)
 }
 
 fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<Outcome, Failure> {
     let mode = args.progress.shown();
     let job = progress::while_reading(mode, || Job::read_tree(tree, args.bounds.limits()))?;
     let job = job.relative_to(tree.folder()).written_into(files::folder_of(&args.output));
+    if let Some(chosen) = job.chosen.filter(|_| !args.progress.quiet) {
+        print_note(&chosen.to_string());
+    }
     check_outputs(args, job.inputs())?;
     let plan = cairn_core::plan(&job.scene, &job.params);
     let plan = plan.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
@@ -167,7 +168,7 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<Outcome, Failur
         let (bodies, frames) = (bake.report.bodies, bake.pile.frames.len());
         summary::print(bodies, frames, measure, counted, seconds, &args.output);
     }
-    Ok(Outcome { seconds, overlap: measure(goal::OVERLAP) })
+    Ok(Outcome { accuracy: job.params.accuracy, overlap: measure(OVERLAP) })
 }
 
 /// Checks that result and report can be written, before the bake.

@@ -67,7 +67,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn check(args: &PlanArgs) -> Result<(), Failure> {
-    let result = args.read().map(|(job, plan)| (plan, job.notes));
+    let result = args.read().map(|(job, plan)| (plan, job.notes_of_plan()));
     if args.json {
         let answer = match &result {
             Ok((plan, notes)) => json!({ "ok": true, "problems": [], "notes": notes, "plan": plan }),

@@ -1,100 +1,69 @@
-//! The goal of a bake: a time or an overlap chooses its accuracy.
+//! The arguments that set the goal of a bake. An overlap that is not kept is baked again.
 
-use super::summary::length;
-use super::{Failure, print_note, print_warning};
+use super::{Failure, print_note};
 use crate::scene_file::SceneTree;
-use cairn_core::prepare::estimate::{Expected, Goal, TOLERANCE};
+use crate::wire::from_proto;
+use crate::wire::proto;
+use crate::wire::to_proto::accuracy_name;
+use cairn_core::input::params::Accuracy;
+use cairn_core::prepare::estimate::Goal;
+use serde_json::json;
 use std::time::Duration;
 
 /// The arguments that choose an accuracy by a goal.
 #[derive(clap::Args)]
 pub struct GoalArgs {
-    /// Choose the accuracy by a time from start to result, such as 20s or 5m: the most accurate preset that is expected
-    /// to be finished by then
+    /// Choose the accuracy by a time from start to result, such as 20s or 5m: accuracy=auto and goal.seconds
     #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration, help_heading = "Goal")]
     #[arg(conflicts_with = "accuracy")]
     budget: Option<Duration>,
 
-    /// Choose the accuracy by how much meshes may be seen to overlap (95 of 100 pairs), such as 0.1mm: the cheapest
-    /// preset that keeps to it. A pile that does not is baked again with the next one
+    /// Choose the accuracy by how much meshes may be seen to overlap (95 of 100 pairs), such as 0.1mm: accuracy=auto
+    /// and goal.overlap. A pile that overlaps by more is baked again with the next preset
     #[arg(long, value_name = "LENGTH", value_parser = metres, help_heading = "Goal")]
     #[arg(conflicts_with_all = ["accuracy", "budget"])]
     overlap: Option<f64>,
 }
 
-/// The figure that a goal of overlap is about.
-pub const OVERLAP: &str = "visible_depth_p95";
-
 /// What a bake came to.
 pub struct Outcome {
-    /// From start to result, s.
-    pub seconds: f64,
-    /// [`OVERLAP`], m, if it was measured.
+    pub accuracy: Accuracy,
+    /// [`crate::job::goal::OVERLAP`], m, if it was measured.
     pub overlap: Option<f64>,
 }
 
 impl GoalArgs {
-    pub fn goal(&self) -> Option<Goal> {
-        let time = self.budget.map(|budget| Goal::Time(budget.as_secs_f64()));
-        time.or(self.overlap.map(Goal::Overlap))
+    /// Sets the goal in a scene.
+    pub fn set(&self, tree: &mut SceneTree) {
+        let seconds = self.budget.map(|budget| json!({ "seconds": budget.as_secs_f64() }));
+        if let Some(goal) = seconds.or(self.overlap.map(|overlap| json!({ "overlap": overlap }))) {
+            tree.put("goal", goal);
+            tree.put("accuracy", proto::Accuracy::Auto.as_str_name().into());
+        }
     }
 }
 
-/// Bakes with the accuracy that the goal calls for; where it is an overlap that is not kept, once more with the next.
-/// `ladder`: what each accuracy is expected to come to, cheapest first.
-pub fn keep(
-    goal: Goal,
-    ladder: &[(String, Expected)],
-    tree: &SceneTree,
-    mut bake: impl FnMut(&SceneTree) -> Result<Outcome, Failure>,
-) -> Result<(), Failure> {
-    let expected: Vec<Expected> = ladder.iter().map(|(_, expected)| *expected).collect();
-    let Some(choice) = goal.choose(&expected) else {
-        return Err(Failure::Internal("the server estimates no accuracy".into()));
+/// Bakes; where an overlap is the goal of `auto` and not kept, once more with the next preset.
+pub fn keep(tree: &SceneTree, mut bake: impl FnMut(&SceneTree) -> Result<Outcome, Failure>) -> Result<(), Failure> {
+    let scene = tree.to_message();
+    let most = match from_proto::goal(&scene).0 {
+        Some(Goal::Overlap(most)) if scene.accuracy() == proto::Accuracy::Auto => most,
+        _ => f64::INFINITY,
     };
-    if !choice.is_expected {
-        let (name, expected) = &ladder[choice.index];
-        print_warning(&match goal {
-            Goal::Time(seconds) => format!(
-                "no accuracy is expected to be finished in {seconds:.1} s: {name} may take {:.1} s",
-                expected.most_seconds
-            ),
-            Goal::Overlap(most) => format!(
-                "no accuracy is expected to keep overlaps below {}: {name} is expected to leave {}",
-                length(most),
-                length(expected.overlap)
-            ),
-        });
-    }
-    for (number, (name, expected)) in ladder.iter().enumerate().skip(choice.index) {
-        print_note(&format!("accuracy {name}, expected to take up to {:.1} s", expected.most_seconds));
-        let mut tree = tree.clone();
-        tree.set(&format!("accuracy={name}")).map_err(Failure::Usage)?;
+    let mut tree = tree.clone();
+    loop {
         let found = bake(&tree)?;
-        let is_last = number + 1 == ladder.len();
-        match goal {
-            Goal::Time(seconds) if found.seconds > TOLERANCE * seconds => {
-                print_warning(&format!("the bake took {:.1} s, its budget is {seconds:.1} s", found.seconds));
+        let place = Accuracy::LADDER.iter().position(|&accuracy| accuracy == found.accuracy);
+        let next = place.and_then(|place| Accuracy::LADDER.get(place + 1));
+        match (found.overlap, next) {
+            (Some(overlap), Some(&next)) if overlap > most => {
+                let name = accuracy_name(next);
+                print_note(&format!("baking again with accuracy {name}"));
+                tree.set(&format!("accuracy={name}")).map_err(Failure::Usage)?;
             }
-            Goal::Time(_) => {}
-            Goal::Overlap(most) => match found.overlap {
-                None => print_warning("the overlap was not measured: remove report.visible=off from the scene"),
-                Some(overlap) if overlap <= most => {}
-                Some(overlap) if is_last => print_warning(&format!(
-                    "meshes overlap by up to {}, more than {}, at the highest accuracy: use simpler props, or a \
-                     smaller physics.shape_tolerance",
-                    length(overlap),
-                    length(most)
-                )),
-                Some(overlap) => {
-                    print_note(&format!("meshes overlap by up to {}, more than {}", length(overlap), length(most)));
-                    continue;
-                }
-            },
+            _ => return Ok(()),
         }
-        break;
     }
-    Ok(())
 }
 
 /// `0.1mm`, `20um`, `1cm`; a bare number is metres.

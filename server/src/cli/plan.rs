@@ -2,7 +2,6 @@
 
 use super::check::{PlanArgs, describe};
 use super::remote::{self, ConnectionArgs};
-use super::summary::length;
 use super::{Failure, interrupt, print};
 use crate::model::export::Format;
 use crate::scene_file;
@@ -60,7 +59,12 @@ fn on_server(args: &Args, server: &str) -> Result<(), Failure> {
     for estimate in &plan.estimates {
         let name = estimate.accuracy().as_str_name().trim_start_matches("ACCURACY_").to_lowercase();
         let (cpu, wall) = (estimate.cpu_seconds.ceil(), estimate.wall_seconds.ceil());
-        line(&name, format!("{cpu} CPU s, {wall} s from start to result"));
+        let (bodies, overlap) = (estimate.body_count, millimetres(estimate.overlap));
+        let (low, high) = (100.0 * estimate.kept_shape_low, 100.0 * estimate.kept_shape_high);
+        let kept = if high > 0.0 { format!(", {low:.0} to {high:.0} % of the shape") } else { String::new() };
+        let speed = 100.0 * estimate.speed_error;
+        let what = format!("{bodies} bodies, overlaps of {overlap}{kept}, speeds off by {speed:.1} %");
+        line(&name, format!("{cpu} CPU s, {wall} s from start to result: {what}"));
     }
     for warning in plan.warnings {
         line("note", warning);
@@ -87,7 +91,7 @@ fn plan(args: &PlanArgs) -> Result<(), Failure> {
             })
         });
         let object = json!({
-            "notes": job.notes,
+            "notes": job.notes_of_plan(),
             "plan": plan,
             "estimates": estimates,
             "most_result_bytes": sizes,
@@ -96,7 +100,7 @@ fn plan(args: &PlanArgs) -> Result<(), Failure> {
         return print(&format!("{object:#}\n"));
     }
     let own = estimates.iter().find(|estimate| estimate.accuracy == job.params.accuracy);
-    print(&(describe(&plan, &job.notes, own, args.verbose) + &price_list(&estimates, own)))
+    print(&(describe(&plan, &job.notes_of_plan(), own, args.verbose) + &price_list(&estimates, own)))
 }
 
 /// The expected cost and errors of each accuracy.
@@ -104,28 +108,42 @@ fn price_list(estimates: &[Estimate], own: Option<&Estimate>) -> String {
     let factor = estimates.first().map_or(1.0, |e| e.factor);
     let threads = rayon::current_num_threads();
     let mut text = format!(
-        "\nExpected on this machine (9 of 10 bakes: within a factor of {factor:.1}), and typical errors in our \
-         study:\n  {:<12}{:>10}{:>12}{:>8}  {:<26}{:<22}{}\n",
+        "\nExpected on this machine (9 of 10 bakes: within a factor of {factor:.1}), and errors that our studies \
+         found:\n  {:<11}{:>9}{:>11}{:>8}  {:<18}{:<13}{:<7}{:<7}{}\n",
         "accuracy",
         "CPU time",
         format!("{threads} threads"),
         "bodies",
         "props overlap by",
-        "move once released",
-        "shape error"
+        "keeps shape",
+        "speed",
+        "loose",
+        "shape"
     );
     for e in estimates {
         let time = |seconds: f64| humantime::format_duration(Duration::from_secs(seconds.ceil() as u64)).to_string();
-        let overlap = format!("{} ({:.2} %)", length(e.overlap), 100.0 * e.overlap_rel);
-        let loose = format!("{:.0} of 100", 100.0 * e.imbalance);
-        let shape = format!("{:.1} %", 100.0 * e.shape_error);
+        let overlap = format!("{} ({:.2} %)", millimetres(e.overlap), 100.0 * e.overlap_rel);
+        let kept = e.kept_shape.map(|[low, _, high]| format!("{:.0} to {:.0} %", 100.0 * low, 100.0 * high));
+        let [speed, shape] = [e.speed_error, e.shape_error].map(|error| format!("{:.1} %", 100.0 * error));
+        let loose = format!("{:.0} %", 100.0 * e.imbalance);
         let name = to_proto::accuracy_name(e.accuracy);
         let mark = if own.is_some_and(|own| own.accuracy == e.accuracy) { "  <- this scene" } else { "" };
-        let (cpu, wall) = (time(e.cpu_seconds), time(e.wall_seconds(threads)));
-        let line = format!("  {name:<12}{cpu:>10}{wall:>12}{:>8}  {overlap:<26}{loose:<22}{shape}{mark}", e.bodies);
+        let (cpu, wall, kept) = (time(e.cpu_seconds), time(e.wall_seconds(threads)), kept.unwrap_or("held".into()));
+        let line = format!(
+            "  {name:<11}{cpu:>9}{wall:>11}{:>8}  {overlap:<18}{kept:<13}{speed:<7}{loose:<7}{shape}{mark}",
+            e.bodies
+        );
         writeln!(text, "{}", line.trim_end()).expect("writing to a string cannot fail");
     }
-    text += "Overlaps are in percent of the thinner body's thickness; below 0.6 % they are invisible. ";
-    text += "The last columns are for a pile without hold or glue.\n";
+    text += "Overlaps are also in percent of the thinner body's thickness; below 0.6 % they are invisible. Of ten \
+             bakes, eight keep a share of the shape in the range. Speed: how far a sliding body is off. Loose: bodies \
+             that move once all are released; shape: distance from the reference's, both without hold or glue.\n";
     text
+}
+
+/// Two digits.
+fn millimetres(metres: f64) -> String {
+    let value = metres * 1e3;
+    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 3.0) as usize } else { 0 };
+    format!("{value:.digits$} mm")
 }

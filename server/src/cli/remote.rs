@@ -1,27 +1,28 @@
 //! Commands as clients of a server. Long: arguments, files and events are common to them.
 
-use super::goal::{self, Outcome};
+use super::goal::Outcome;
 use super::progress::{ProgressArgs, Reporter};
-use super::{Failure, interrupt, output, print_done, print_warning, summary};
+use super::{Failure, interrupt, output, print_done, print_note, print_warning, summary};
 use crate::client::{Connection, Downloaded, Target};
 use crate::files;
+use crate::job::goal::OVERLAP;
 use crate::job::{self, InputFile, PortableNames, Refused};
 use crate::model::analysis::Selection;
 use crate::model::export::{Encoded, Format, SIDECAR_FOLDER};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
 use crate::wire::digest::hex;
+use crate::wire::proto;
 use crate::wire::proto::{
-    AnalysePileRequest, Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, Estimate, OutputFormat,
-    Plan, Scene, Summary, UsdLayout, bake_event::Kind,
+    AnalysePileRequest, Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, OutputFormat, Plan,
+    Scene, Summary, UsdLayout, bake_event::Kind,
 };
-use crate::wire::to_proto::{self, NOTES_FIELD};
+use crate::wire::to_proto::{NOTES_FIELD, accuracy_name};
 use crate::wire::{analysis, from_proto};
 use bytes::Bytes;
 use cairn_core::analysis::PileAnalysis;
 use cairn_core::input::observer::Observer;
 use cairn_core::input::params::Accuracy;
-use cairn_core::prepare::estimate::Expected;
 use prost::Message;
 use serde_json::json;
 use sha2::{Digest, Sha256};
@@ -252,6 +253,7 @@ pub fn bake(
 ) -> Result<Outcome, Failure> {
     let layout = delivery.output.filter(|_| format.is_usd());
     let layout = layout.map(|output| files.layout(&scene, files::folder_of(output)));
+    let is_auto = scene.accuracy() == proto::Accuracy::Auto;
     let mut spec = files.spec(scene);
     // The same request, in any format, reaches the server that has baked it before.
     let route = target.route.clone().unwrap_or_else(|| hex(&Sha256::digest(spec.encode_to_vec())));
@@ -266,7 +268,7 @@ pub fn bake(
     talk(async {
         let mut server = Connection::open(target).await?;
         server.upload(&files.contents).await?;
-        let mut follower = BakeFollower { layout, ..BakeFollower::new(delivery) };
+        let mut follower = BakeFollower { layout, is_auto, ..BakeFollower::new(delivery) };
         let baked = {
             let mut connection = server.clone();
             // Before it is accepted, the bake has no id by which to cancel it.
@@ -299,18 +301,6 @@ pub fn plan(target: &Target, scene: Scene, files: &Files) -> Result<Plan, Failur
         server.upload(&contents).await?;
         Ok(server.plan(spec).await?.plan.unwrap_or_default())
     })
-}
-
-/// What a plan expects of each accuracy, cheapest first.
-pub fn expectations(plan: &Plan) -> Vec<(String, Expected)> {
-    let of = |estimate: &Estimate| {
-        let accuracy: Option<Accuracy> = estimate.accuracy().into();
-        Some((
-            to_proto::accuracy_name(accuracy?),
-            Expected { most_seconds: estimate.factor * estimate.wall_seconds, overlap: estimate.overlap },
-        ))
-    };
-    plan.estimates.iter().filter_map(of).collect()
 }
 
 /// `cairn analyse --server`: the answers about a pile of so many bodies, whose file was read. Ctrl-C ends the analysis.
@@ -400,6 +390,10 @@ struct BakeFollower<'a> {
     reporter: Reporter,
     began: Instant,
     id: String,
+    /// The server chooses the preset.
+    is_auto: bool,
+    /// The preset that the bake has.
+    accuracy: Option<Accuracy>,
     summary: Option<Summary>,
     /// Of the result in USD; `None`: as the bake's request has it.
     layout: Option<(UsdLayout, String)>,
@@ -410,14 +404,18 @@ struct BakeFollower<'a> {
 impl<'a> BakeFollower<'a> {
     fn new(delivery: &'a Delivery) -> BakeFollower<'a> {
         let reporter = Reporter::new(delivery.progress.shown());
-        let (id, summary, layout, no_room) = Default::default();
-        BakeFollower { delivery, reporter, began: Instant::now(), id, summary, layout, no_room }
+        let (id, is_auto, accuracy, summary, layout, no_room) = Default::default();
+        BakeFollower { delivery, reporter, began: Instant::now(), id, is_auto, accuracy, summary, layout, no_room }
     }
 
     fn event(&mut self, kind: Option<Kind>) {
         match kind {
             Some(Kind::Accepted(accepted)) => {
                 self.id = accepted.bake_id;
+                self.accuracy = accepted.effective_scene.and_then(|scene| scene.accuracy().into());
+                if let Some(accuracy) = self.accuracy.filter(|_| self.is_auto && !self.delivery.progress.quiet) {
+                    print_note(&format!("accuracy {}", accuracy_name(accuracy)));
+                }
                 let most = accepted.plan.map_or(0, |plan| plan.most_result_bytes.unsigned_abs());
                 self.no_room = self.delivery.output.and_then(|output| output::check_room(output, most).err());
                 if !self.delivery.progress.quiet {
@@ -481,8 +479,9 @@ impl<'a> BakeFollower<'a> {
             (None, None) => {}
         }
         let seconds = self.began.elapsed().as_secs_f64();
-        let Some(summary) = self.summary else { return Ok(Outcome { seconds, overlap: None }) };
-        let outcome = Outcome { seconds, overlap: summary.measures.get(goal::OVERLAP).copied() };
+        let accuracy = self.accuracy.unwrap_or(Accuracy::Standard);
+        let Some(summary) = self.summary else { return Ok(Outcome { accuracy, overlap: None }) };
+        let outcome = Outcome { accuracy, overlap: summary.measures.get(OVERLAP).copied() };
         if progress.quiet {
             return Ok(outcome);
         }

@@ -4,7 +4,7 @@ use super::scene_args::SceneArgs;
 use super::{Failure, print, remote};
 use crate::scene_file::SceneTree;
 use crate::wire::effective::effective;
-use crate::wire::from_proto;
+use crate::wire::{from_proto, proto};
 use std::path::PathBuf;
 
 /// Prints the scene of the flags as a scene file
@@ -42,6 +42,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.full {
         let scene = tree.to_message();
         let params = from_proto::params(&scene).map_err(Failure::Input)?;
+        if scene.accuracy() == proto::Accuracy::Auto {
+            let what = "the parameters of accuracy auto are those of a preset, which the files decide";
+            return Err(Failure::usage("--full", what, "Name a preset by --accuracy; `cairn plan` says which one."));
+        }
         tree = SceneTree::from_message(&effective(&scene, &params));
     }
     print(&if args.json { tree.to_json() } else { tree.to_toml() })

@@ -37,7 +37,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     around: Vec<String>,
 
-    /// Accuracy preset; `paper` is the method's original setting, `standard` the default
+    /// Accuracy preset; `paper` is the method's original setting, `standard` the default. `auto` chooses one by `goal`
     #[arg(long, value_parser = accuracy_names(), help_heading = "Scene")]
     accuracy: Option<String>,
 
@@ -63,10 +63,14 @@ pub struct SceneArgs {
     assets: Option<PathBuf>,
 }
 
-/// The names of the accuracy presets. They are never freed, because clap takes only static text.
+/// The names of the accuracies. They are never freed, because clap takes only static text.
 fn accuracy_names() -> Vec<&'static str> {
-    to_proto::accuracies().into_iter().map(|accuracy| &*to_proto::accuracy_name(accuracy).leak()).collect()
+    let presets = to_proto::accuracies().into_iter().map(|accuracy| &*to_proto::accuracy_name(accuracy).leak());
+    presets.chain([AUTO]).collect()
 }
+
+/// The accuracy that a goal chooses.
+const AUTO: &str = "auto";
 
 /// Whether a path names a result instead of a scene file.
 pub fn is_result(path: &Path) -> bool {

@@ -1,6 +1,7 @@
 //! The summary that ends a bake, in a few lines.
 
 use super::print_done;
+use crate::job::goal::length;
 use serde_json::json;
 use std::path::Path;
 
@@ -65,15 +66,6 @@ fn seen(measure: impl Fn(&str) -> Option<f64>) -> Option<String> {
         line += &format!("; gaps where bodies touch are up to {}", length(gap));
     }
     Some(line + " (95 of 100)")
-}
-
-/// A length in a suitable unit.
-pub fn length(metres: f64) -> String {
-    match metres {
-        m if m < 1e-4 => format!("{:.0} um", m * 1e6),
-        m if m < 1e-2 => format!("{:.1} mm", m * 1e3),
-        m => format!("{:.1} cm", m * 1e2),
-    }
 }
 
 /// The line about glue, if the pile may have any.

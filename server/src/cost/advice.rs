@@ -39,7 +39,7 @@ impl Study {
         for row in others {
             let (cost, overlap) =
                 (row.cost.median / chosen.cost.median, error(row, "overlap") / error(chosen, "overlap"));
-            if cost.is_finite() && overlap.is_finite() {
+            if cost.is_finite() && overlap.is_finite() && self.is_ranked("overlap") {
                 text += &format!(
                     " `{}` takes {} times as long, and overlaps {} times as much.",
                     row.variant,
@@ -47,6 +47,11 @@ impl Study {
                     short(overlap)
                 );
             }
+        }
+        let unranked = self.unranked();
+        if !unranked.is_empty() {
+            let names = unranked.join(" and ");
+            text += &format!(" There are too few seeds to rank the presets by {names}: raise --seeds.");
         }
         Some(text)
     }

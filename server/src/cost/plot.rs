@@ -44,7 +44,7 @@ where
     let (head, body) = area.split_vertically(130);
     heading(study, &head)?;
     for (figure, panel) in HEADLINE.iter().zip(body.split_evenly((1, HEADLINE.len()))) {
-        self::panel(&study.rows, figure, &panel)?;
+        self::panel(study, figure, &panel)?;
     }
     area.present()?;
     Ok(())
@@ -82,10 +82,11 @@ where
     Ok(())
 }
 
-fn panel<B: DrawingBackend>(rows: &[StudyRow], figure: &Figure, area: &DrawingArea<B, Shift>) -> Result<(), PlotError>
+fn panel<B: DrawingBackend>(study: &Study, figure: &Figure, area: &DrawingArea<B, Shift>) -> Result<(), PlotError>
 where
     B::ErrorType: 'static,
 {
+    let (rows, is_ranked) = (&study.rows[..], study.is_ranked(figure.name));
     let points: Vec<(&StudyRow, MedianRange)> =
         rows.iter().filter_map(|row| Some((row, *row.errors.get(figure.name)?))).collect();
     let bound = |f: &dyn Fn(&(&StudyRow, MedianRange)) -> f64, from: f64, of: fn(f64, f64) -> f64| {
@@ -125,6 +126,9 @@ where
         .label_style((FONT, 15).into_font())
         .axis_desc_style((FONT, 16).into_font())
         .draw()?;
+    if !is_ranked {
+        area.draw(&Text::new("too few seeds to rank", (100, 44), (FONT, 16).into_font().color(&FRONT)))?;
+    }
     if has_zero {
         let line = [(x.start, zero.log10()), (x.end, zero.log10())];
         chart.draw_series([PathElement::new(line, KNOB.mix(0.5))])?;
@@ -135,6 +139,8 @@ where
         .into_iter()
         .map(|i| (rows[i].cost.median.log10(), height(rows[i].errors[figure.name].median)))
         .collect();
+    // Where seeds differ as much as presets do, there is no front.
+    let best = if is_ranked { best } else { Vec::new() };
     let stairs = best.iter().zip(best.iter().skip(1)).flat_map(|(&a, &b)| [(b.0, a.1), b]);
     chart.draw_series(LineSeries::new(best.first().copied().into_iter().chain(stairs), FRONT.stroke_width(2)))?;
     let at = |row: &StudyRow, error: &MedianRange| (row.cost.median.log10(), height(error.median));

@@ -13,6 +13,10 @@ pub struct MedianRange {
     pub high: f64,
 }
 
+/// Seeds without which no two ranges are distinguished: of three and three values, one order of twenty has all of one
+/// below all of the other.
+const ENOUGH_SEEDS: usize = 3;
+
 impl MedianRange {
     /// `None` for no values.
     pub fn of(mut values: Vec<f64>) -> Option<MedianRange> {
@@ -99,11 +103,28 @@ impl Study {
         Study { scene, machine, version: crate::version::VERSION, reference, rows, left_out }
     }
 
+    /// Whether the presets can be ranked by a figure: the first and the last of them differ beyond their seeds, or no
+    /// preset differs from another at all.
+    pub fn is_ranked(&self, figure: &str) -> bool {
+        let presets = self.rows.iter().filter(|row| row.kind == VariantKind::Preset);
+        let known: Vec<_> = presets.filter_map(|row| Some((row.seeds.len(), row.errors.get(figure)?))).collect();
+        let [(first_seeds, first), .., (last_seeds, last)] = &known[..] else { return true };
+        let are_apart = first.high < last.low || last.high < first.low;
+        let are_equal = known.iter().all(|(_, error)| *error == known[0].1 && error.low == error.high);
+        are_equal || are_apart && (*first_seeds).min(*last_seeds) >= ENOUGH_SEEDS
+    }
+
+    /// The headline figures by which the presets cannot be ranked.
+    pub fn unranked(&self) -> Vec<&'static str> {
+        HEADLINE.iter().map(|figure| figure.name).filter(|name| !self.is_ranked(name)).collect()
+    }
+
     /// Tables in Markdown: the headline figures, and the others.
     pub fn markdown(&self) -> String {
         let mut text = format!(
             "# What accuracy costs: {}\n\n{}CPU seconds without measures, on {}; medians over seeds, with ranges in \
-             parentheses. Bold: no cheaper variant has a smaller error.\n\n",
+             parentheses. Bold: no cheaper variant has a smaller error; nothing is bold where the presets differ by no \
+             more than seeds do.\n\n",
             self.scene,
             self.advice().map_or(String::new(), |advice| advice + "\n\n"),
             self.machine
@@ -131,7 +152,7 @@ impl Study {
         for row in &self.rows {
             let cell = |name: &&str| {
                 let Some(error) = row.errors.get(name) else { return String::from("-") };
-                let mark = if row.best_in.contains(name) { "**" } else { "" };
+                let mark = if row.best_in.contains(name) && self.is_ranked(name) { "**" } else { "" };
                 format!("{mark}{}{mark} ({} to {})", short(error.median), short(error.low), short(error.high))
             };
             let cells: Vec<String> = names.iter().map(cell).collect();
@@ -184,10 +205,12 @@ mod tests {
         step_rate: 20.0,
         substeps: 8.0,
         fill_cost_factor: 1.0,
+        glue_cost_factor: 1.0,
         coulomb: false,
         glued: false,
         room: 0.0,
         packing: [0.0; 7],
+        primitive: 0.0,
     };
 
     fn run(name: &str, cost: f64, error: f64, kept: f64) -> (StudyVariant, Vec<Record>) {
@@ -217,6 +240,23 @@ mod tests {
         assert_eq!(front(&study.rows, "overlap"), [0, 2]);
         assert_eq!(study.rows[1].best_in, ["shape"]);
         assert!(study.markdown().contains("| draft | 3 | 10 | 1.00 (1.00 to 1.00) |"));
+    }
+
+    #[test]
+    fn what_differs_by_no_more_than_seeds_is_not_ranked() {
+        // Errors of the seeds 1 to 3 are 1, 2 and 3 times as large.
+        let study = |errors: [f64; 2], seeds: usize| {
+            let mut runs = [run("draft", 1.0, errors[0], 0.8), run("reference", 4.0, errors[1], 0.8)];
+            runs.iter_mut().for_each(|(_, records)| records.truncate(seeds));
+            Study::new("x".into(), "y".into(), &runs, Vec::new())
+        };
+        assert!(study([0.4, 0.1], 3).is_ranked("overlap"), "0.4 to 1.2, and 0.1 to 0.3");
+        let alike = study([0.4, 0.2], 3);
+        assert_eq!(alike.unranked(), ["overlap"], "0.4 to 1.2, and 0.2 to 0.6");
+        assert!(alike.advice().unwrap().contains("too few seeds to rank the presets by overlap"));
+        assert!(!alike.markdown().contains("| **0.40** |"));
+        assert!(!study([0.4, 0.1], 2).is_ranked("overlap"), "two seeds");
+        assert!(study([0.0, 0.0], 3).is_ranked("overlap"), "equal");
     }
 
     #[test]

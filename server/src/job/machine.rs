@@ -1,12 +1,24 @@
 //! This machine: its resources, and the time and memory that a bake takes.
 
+use cairn_core::stages::calibrate::calibrate;
 use cpu_time::ProcessTime;
 use std::path::Path;
+use std::sync::OnceLock;
 use sysinfo::{CpuRefreshKind, Disks, MemoryRefreshKind, System};
 
 /// CPU seconds of this process so far, over all threads.
 pub fn cpu_seconds() -> f64 {
     ProcessTime::try_now().map_or(0.0, |time| time.as_duration().as_secs_f64())
+}
+
+/// CPU time on this machine / that on the one that the cost model was fitted on. Measured once, in a few tenths of a
+/// second.
+pub fn slowness() -> Result<f64, cairn_core::Error> {
+    static FOUND: OnceLock<f64> = OnceLock::new();
+    match FOUND.get() {
+        Some(&found) => Ok(found),
+        None => calibrate(cpu_seconds).map(|found| *FOUND.get_or_init(|| found)),
+    }
 }
 
 /// CPU seconds of this process since the start of the meter. Earlier time is excluded, because `cargo run` becomes the

@@ -1,6 +1,7 @@
 //! A scene with all its files read, and its bake, for the command line and the service.
 
 pub mod analysis;
+pub mod goal;
 mod idle;
 pub mod machine;
 mod memory;
@@ -17,10 +18,9 @@ use crate::files::{self, FileSource};
 use crate::model::export::{self, ExportScene, Format, Layout, Measures, Rehearsal, SourceModel, UsdAsset};
 use crate::problem::Problem;
 use crate::wire::proto::{self, BakeSpec};
-use crate::wire::to_proto;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
-use cairn_core::prepare::estimate::{Estimate, Expected};
+use cairn_core::prepare::estimate::{Estimate, Goal};
 use cairn_core::prepare::plan::Plan;
 use machine::Meter;
 pub use run::{FinishedBake, JobError};
@@ -35,6 +35,9 @@ use std::time::Instant;
 pub struct Job {
     pub scene: Scene,
     pub params: Params,
+    pub goal: Option<Goal>,
+    /// The preset that `auto` became: `params` are its.
+    pub chosen: Option<goal::Chosen>,
     /// The parameters at each accuracy, fastest first.
     pub ladder: Vec<Params>,
     /// Deviations from the files' content made while reading, one sentence each.
@@ -63,15 +66,12 @@ const COLLIDER_TRIANGLE: u64 = 128;
 impl Job {
     /// The expected cost of each accuracy. Measures this machine's speed first, for a few tenths of a second.
     pub fn estimates(&self) -> Result<Vec<Estimate>, cairn_core::Error> {
-        let machine = cairn_core::stages::calibrate::calibrate(machine::cpu_seconds)?;
-        cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine)
+        cairn_core::estimates(&self.scene, &self.params, &self.ladder, machine::slowness()?)
     }
 
-    /// What each accuracy is expected to come to on this machine, by its name.
-    pub fn expectations(&self) -> Result<Vec<(String, Expected)>, cairn_core::Error> {
-        let threads = rayon::current_num_threads();
-        let named = |e: &Estimate| (to_proto::accuracy_name(e.accuracy), e.expected(threads));
-        Ok(self.estimates()?.iter().map(named).collect())
+    /// The notes, and why the accuracy is the one that was chosen.
+    pub fn notes_of_plan(&self) -> Vec<String> {
+        self.notes.iter().cloned().chain(self.chosen.map(|chosen| chosen.to_string())).collect()
     }
 
     /// The size of the result at most, bytes, as if every body moved in every frame. Not if the fill places more bodies

@@ -2,13 +2,13 @@
 
 use super::machine::Meter;
 use super::sources::{self, InputFile, PortableNames, Reference};
-use super::{Job, Refused};
+use super::{Job, Refused, goal};
 use crate::files::{Disk, FileSource};
 use crate::model::export::{Layout, PartChoice};
 use crate::model::resting;
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
-use crate::wire::effective::effective;
+use crate::wire::effective;
 use crate::wire::from_proto::{self, extra_bodies::ExtraBodies};
 use crate::wire::proto;
 use cairn_core::asset::{self, Limits, Source};
@@ -37,9 +37,11 @@ impl Job {
     pub fn read_with(scene: &proto::Scene, source: Arc<dyn FileSource>, limits: Limits) -> Result<Job, Refused> {
         let (began, meter) = (Instant::now(), Meter::start());
         let mut reader = SceneReader::new(source, limits, sources::usd_parts(scene));
-        let (params, problems) = from_proto::params_and_problems(scene);
+        let (mut params, problems) = from_proto::params_and_problems(scene);
         reader.problems.extend(problems);
-        let effective = effective(scene, &params);
+        let (goal, problems) = from_proto::goal(scene);
+        reader.problems.extend(problems);
+        let mut effective = effective::effective(scene, &params);
         let layout = match scene.usd.as_ref().map(Layout::new) {
             Some(Err(problems)) => {
                 reader.problems.extend(problems);
@@ -93,7 +95,7 @@ impl Job {
             let accuracy = proto::Accuracy::from(accuracy).into();
             from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
         });
-        let ladder = ladder.collect();
+        let ladder: Vec<Params> = ladder.collect();
         let control = match effective.fill.as_ref().and_then(|fill| fill.into.as_ref()) {
             Some(name) => reader.inside(name, control, &effective.statics, &static_models, (&prop_models, &params)),
             None => control.or_else(|| together(&piles)),
@@ -115,6 +117,17 @@ impl Job {
         if !reader.problems.is_empty() {
             reader.check_values(&scene, &params);
             return Err(Refused { problems: reader.problems, notes: reader.notes });
+        }
+        let mut chosen = None;
+        if let (proto::Accuracy::Auto, Some(goal)) = (given.accuracy(), goal) {
+            match goal::choose(&scene, &params, &ladder, goal) {
+                Ok(found) => {
+                    params = ladder[found.index].clone();
+                    effective = effective::effective(given, &params);
+                    chosen = Some(found);
+                }
+                Err(problems) => return Err(Refused { problems, notes: reader.notes }),
+            }
         }
         reader.notes.extend(dense::run(&mut scene, &params.physics).into_iter().map(|prop| {
             let DenseProp { index, triangles, left, deviation } = prop;
@@ -138,6 +151,8 @@ impl Job {
         Ok(Job {
             scene,
             params,
+            goal,
+            chosen,
             ladder,
             notes,
             effective,

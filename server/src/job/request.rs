@@ -54,11 +54,11 @@ pub fn request(mut scene: Scene, assets: Vec<Asset>, format: Format, names: &Por
     BakeSpec { scene: Some(scene), assets, format: format.wire().into() }
 }
 
-/// The hash of a request, without its format and layout, and of the versions. Equal hashes have equal piles, to the
-/// last byte.
+/// The hash of a request, without its format, layout and goal, and of the versions. Equal hashes have equal piles, to
+/// the last byte.
 pub fn hash(request: &BakeSpec) -> blake3::Hash {
     let mut bake = BakeSpec { format: OutputFormat::Unspecified.into(), ..request.clone() };
-    bake.scene.iter_mut().for_each(|scene| scene.usd = None);
+    bake.scene.iter_mut().for_each(|scene| (scene.usd, scene.goal) = (None, None));
     let mut all = versions().encode_length_delimited_to_vec();
     all.extend(bake.encode_to_vec());
     blake3::hash(&all)

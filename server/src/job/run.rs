@@ -1,6 +1,7 @@
 //! Runs a job through the core and encodes the result.
 
 use super::Job;
+use super::goal;
 use super::report::{self, CallerSeconds, ResultIdentity};
 use super::request;
 use super::reuse::BakeCache;
@@ -115,8 +116,12 @@ impl Job {
             output: blake3::hash(&result.bytes),
             name: output,
         };
-        let notes: Vec<String> = self.notes.iter().chain(&result.left_out).cloned().collect();
-        let report = format!("{:#}\n", report::json(&bake, &identity, &scene, &notes, &caller));
+        let overlap = bake.report.measures.get(goal::OVERLAP).copied().flatten();
+        let missed = self.goal.and_then(|goal| goal::missed(goal, seconds, overlap));
+        let notes: Vec<String> = self.notes.iter().chain(&result.left_out).cloned().chain(missed).collect();
+        let chosen = self.chosen.map(|chosen| chosen.to_string());
+        let of_report: Vec<String> = notes.iter().cloned().chain(chosen).collect();
+        let report = format!("{:#}\n", report::json(&bake, &identity, &scene, &of_report, &caller));
         Ok(FinishedBake { bake, result, notes, report, hash, seconds })
     }
 }

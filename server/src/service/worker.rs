@@ -105,7 +105,7 @@ pub fn plan(folder: &Path, with_estimates: bool) -> Result<(), WorkerError> {
     let most_bytes = job.most_bytes(&plan, Format::from_wire(spec.format()));
     let has_parameters_only = job.effective.encoded_len() > MAX_SCENE;
     send(WorkerMessage::Planned(Box::new(proto::Accepted {
-        plan: Some(to_proto::plan(&plan, &job.notes, &estimates, &job.params, most_bytes)),
+        plan: Some(to_proto::plan(&plan, &job.notes_of_plan(), &estimates, &job.params, most_bytes)),
         effective_scene: Some(if has_parameters_only { to_proto::params(&job.params) } else { job.effective }),
         has_parameters_only,
         ..Default::default()

@@ -41,6 +41,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         piles: scene.piles.clone(),
         around: scene.around.clone(),
         remove: scene.remove.clone(),
+        goal: scene.goal,
         usd: scene.usd.as_ref().map(proto::UsdLayout::with_defaults),
         ..parameters::to_scene(params)
     };

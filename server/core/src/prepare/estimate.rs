@@ -9,6 +9,9 @@ mod model;
 pub use goal::{Choice, Expected, Goal, TOLERANCE};
 pub use model::CALIBRATION_SECONDS;
 
+/// The fitted exponents of fill, glue, and release and hold.
+pub const LAWS: [CostExponents; 3] = [model::FILL, model::GLUE, model::RELEASE_AND_HOLD];
+
 use crate::input::params::{Accuracy, ControlMode, FrictionModel, Params, Switch};
 use crate::input::scene::{Prop, Scene};
 use crate::prepare::check::CheckedScene;
@@ -42,10 +45,14 @@ pub struct Estimate {
     pub overlap_rel: f64,
     /// The same in metres: of these props' thickness.
     pub overlap: f64,
+    /// Nine of ten bakes overlap by no more, m.
+    pub most_overlap: f64,
     /// Expected share of the bodies that moves once all are released, without control or glue.
     pub imbalance: f64,
     /// Expected distance of the shape's IoU from that of `reference`.
     pub shape_error: f64,
+    /// Expected error of how fast bodies slide, relative.
+    pub speed_error: f64,
 }
 
 /// The part of a bake that runs on all of its threads (Amdahl's law): two take two thirds of the time of one.
@@ -91,6 +98,9 @@ pub struct Workload {
     /// CPU time of a fill of this accuracy / that of one at `standard`.
     #[serde(default = "usual", rename = "fill_care")]
     pub fill_cost_factor: f64,
+    /// The same of glue and its proof.
+    #[serde(default = "usual")]
+    pub glue_cost_factor: f64,
     /// Each contact point has a friction force of its own.
     pub coulomb: bool,
     /// The pile is glued where friction does not carry it.
@@ -102,6 +112,9 @@ pub struct Workload {
     pub room: f64,
     #[serde(default)]
     pub packing: packing::Weights,
+    /// Share of the bodies whose collision shape is a box or a ball: what overlaps there is seen.
+    #[serde(default)]
+    pub primitive: f64,
 }
 
 fn usual() -> f64 {
@@ -119,16 +132,17 @@ impl Workload {
     pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape]) -> Workload {
         let characteristic_time = checked.characteristic_time(params);
         let filled = plan::filled_bodies(scene, params, checked);
-        let mut mean = [0.0; 3];
+        let mut mean = [0.0; 4];
         let all: f64 = checked.shares.iter().sum();
         for ((shape, size), share) in shapes.iter().zip(&checked.sizes).zip(&checked.shares) {
             let (parts, corners) = (shape.solid.parts() as f64, shape.solid.corners() as f64);
             let slenderness = size.diameter.powi(3) / size.volume;
-            for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness]) {
+            let primitive = f64::from(u8::from(shape.report.kind.is_primitive()));
+            for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness, primitive]) {
                 *sum += share / all * value;
             }
         }
-        let [parts, corners, slenderness] = mean;
+        let [parts, corners, slenderness, primitive] = mean;
         let step_rate = characteristic_time / params.physics.step.seconds(characteristic_time);
         let container = checked.filled(scene, params);
         let (room, packing) =
@@ -144,10 +158,12 @@ impl Workload {
             step_rate,
             substeps: f64::from(params.physics.substeps),
             fill_cost_factor: params.accuracy.traits().fill_cost_factor,
+            glue_cost_factor: params.accuracy.traits().glue_cost_factor,
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
             glued: scene.glue_bound(params) > 0.0,
             room,
             packing,
+            primitive,
         }
     }
 
@@ -173,7 +189,7 @@ impl Workload {
         let features = self.features();
         let law = |weights: &CostExponents| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
         let fill = if self.filled > 0.0 { law(&model::FILL) * self.fill_cost_factor } else { 0.0 };
-        let glue = if self.glued { law(&model::GLUE) } else { 0.0 };
+        let glue = if self.glued { law(&model::GLUE) * self.glue_cost_factor } else { 0.0 };
         let release = law(&model::RELEASE_AND_HOLD) * if self.glued { model::GLUED_RELEASE } else { 1.0 };
         [fill, glue, release, law(&model::MEASURE)]
     }
@@ -187,8 +203,11 @@ impl Workload {
 /// The estimate for a checked scene. `machine`: from `stages::calibrate`.
 pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape], machine: f64) -> Estimate {
     let traits = params.accuracy.traits();
-    let [overlap_rel, imbalance, shape_error] = traits.expected_errors;
+    let [imbalance, shape_error] = traits.expected_errors;
     let workload = Workload::of(scene, params, checked, shapes);
+    let [own, holding] = traits.overlaps;
+    let mixed = |n: usize| workload.primitive * own[n] + (1.0 - workload.primitive) * holding[n];
+    let [overlap_rel, most_overlap_rel] = [mixed(0), mixed(1)];
     let [fill_seconds, glue_seconds, release_seconds, rest] = workload.stage_seconds().map(|seconds| machine * seconds);
     let thickness = |((shape, prop), share): ((&Shape, &Prop), &f64)| {
         share * shape.thickness() * (prop.scale[0] + prop.scale[1]) / 2.0
@@ -212,7 +231,9 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
         factor: model::FACTOR,
         overlap_rel,
         overlap: overlap_rel * thickness,
+        most_overlap: most_overlap_rel * thickness,
         imbalance,
         shape_error,
+        speed_error: traits.speed_error,
     }
 }

@@ -111,7 +111,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let variants = part(matrix.variants().map_err(Failure::Usage)?, args.range)?;
     let hashes = request_hashes(&variants)?;
     let finished: Vec<bool> = (variants.par_iter().zip(&hashes))
-        .map(|(variant, hashes)| is_finished(&variant.output, &variant.report(), &hashes.request))
+        .map(|(variant, hashes)| is_finished(&variant.output, &variant.report(), &hashes.requests))
         .collect();
     let missing: Vec<usize> = (0..variants.len()).filter(|&i| !finished[i]).collect();
     if args.dry_run && args.json {

@@ -60,8 +60,21 @@ impl Service {
     async fn create(&self, caller: &Caller, request: CreateBakeRequest) -> Result<Arc<Entry>, Fault> {
         let CreateBakeRequest { spec, labels, priority } = request;
         let request = BakeRequest { spec, labels, priority, ..Default::default() };
+        self.submit(caller, request, None).await
+    }
+
+    /// The bake of a request, with a preset in the place of the accuracy `auto`.
+    async fn submit(
+        &self,
+        caller: &Caller,
+        request: BakeRequest,
+        deadline: Option<Instant>,
+    ) -> Result<Arc<Entry>, Fault> {
+        let of = caller.clone();
+        let submission = on_disk(move || request::submission(&of, request)).await??;
+        let submission = self.bakes.with_preset(caller, submission).await?;
         let (bakes, caller) = (self.bakes.clone(), caller.clone());
-        on_disk(move || bakes.submit(&caller, request::submission(&caller, request)?, None)).await?
+        on_disk(move || bakes.submit(&caller, submission, deadline)).await?
     }
 
     fn limits(&self) -> Limits {
@@ -177,12 +190,8 @@ impl PileService for Service {
         let (permit, caller) = (self.stream_permit(&request)?, caller(&request));
         let (_, call, request) = request.into_parts();
         let frames = request.frames;
-        let (bakes, of_bake) = (self.bakes.clone(), deadline.filter(|_| request.deadline_ends_bake));
-        let entry = on_disk(move || {
-            let submission = request::submission(&caller, request)?;
-            bakes.submit(&caller, submission, of_bake)
-        });
-        let entry = entry.await??;
+        let of_bake = deadline.filter(|_| request.deadline_ends_bake);
+        let entry = self.submit(&caller, request, of_bake).await?;
         audit::bake(&call, &entry.id());
         entry.wait_accepted().await?;
         self.bakes.store.touch(&entry.id());

@@ -242,14 +242,27 @@ impl Bakes {
         Fault::QueueFull { retry: last.clamp(Duration::from_secs(1), Duration::from_secs(60)) }
     }
 
+    /// The submission with a preset in the place of the accuracy `auto`: the one that its goal calls for on this
+    /// machine. From here on, it is the bake of that preset.
+    pub async fn with_preset(&self, caller: &Caller, mut submission: BakeSubmission) -> Result<BakeSubmission, Fault> {
+        if let Some(scene) = &submission.spec.scene
+            && scene.accuracy() == proto::Accuracy::Auto
+        {
+            let plan = self.plan(caller, submission.spec.clone()).await?;
+            submission.spec.choose(plan.effective_scene.as_ref());
+        }
+        Ok(submission)
+    }
+
     /// Plans a bake without running it.
-    pub async fn plan(&self, caller: &Caller, spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
+    pub async fn plan(&self, caller: &Caller, mut spec: BakeSpec) -> Result<proto::PlanBakeResponse, Fault> {
         self.accepts_work()?;
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
         let folder = self.store.prepare_plan(&spec, caller.project())?;
         let mut worker = None;
         let accepted = self.run_plan(WorkerTask::Plan, folder.path(), &mut worker).await?;
+        spec.choose(accepted.effective_scene.as_ref());
         Ok(proto::PlanBakeResponse {
             bake_id: bake_id(&spec, caller.project()),
             plan: accepted.plan,

@@ -6,7 +6,7 @@ use crate::service::access::{Caller, CallerLimits};
 use crate::service::status::Fault;
 use crate::wire::effective::effective;
 use crate::wire::from_proto;
-use crate::wire::proto::BakeSpec;
+use crate::wire::proto::{BakeSpec, Scene};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -15,6 +15,15 @@ pub struct BakeSubmission {
     pub spec: BakeSpec,
     pub labels: BTreeMap<String, String>,
     pub priority: i32,
+}
+
+impl BakeSpec {
+    /// Puts the preset of the effective scene in the place of the accuracy `auto`.
+    pub(super) fn choose(&mut self, effective: Option<&Scene>) {
+        if let (Some(scene), Some(effective)) = (&mut self.scene, effective) {
+            scene.accuracy = effective.accuracy;
+        }
+    }
 }
 
 /// Checks that a caller and its project may have one more bake. `workers`: bakes that the server runs at the same time.

@@ -9,6 +9,7 @@ use crate::problem::Problem;
 use crate::wire::proto;
 use cairn_core::input::observer::{Progress, Stage};
 use cairn_core::input::params::{Accuracy, FillMethod, Params};
+use cairn_core::prepare::estimate::Goal;
 
 /// The parameters of a scene.
 pub fn params(scene: &proto::Scene) -> Result<Params, Vec<Problem>> {
@@ -30,6 +31,28 @@ pub fn params_and_problems(scene: &proto::Scene) -> (Params, Vec<Problem>) {
     }
     until(&mut params, scene, &mut counts);
     (params, counts.problems)
+}
+
+/// The goal of a scene, and what is wrong with it.
+pub fn goal(scene: &proto::Scene) -> (Option<Goal>, Vec<Problem>) {
+    use proto::goal::Kind;
+    /// s, m.
+    const MOST: [f64; 2] = [1e9, 1e6];
+    let given = scene.goal.and_then(|goal| goal.kind);
+    let problem = |field: &str, what: String, remedy: String| vec![Problem::new(field, what, remedy).of_field(field)];
+    let (field, number, most, goal) = match given {
+        Some(Kind::Seconds(seconds)) => ("goal.seconds", seconds, MOST[0], Goal::Time(seconds)),
+        Some(Kind::Overlap(overlap)) => ("goal.overlap", overlap, MOST[1], Goal::Overlap(overlap)),
+        None if scene.accuracy() == proto::Accuracy::Auto => {
+            let remedy = "Give goal.seconds or goal.overlap, or name a preset.".into();
+            return (None, problem("goal", "it is not set, and decides what accuracy auto is".into(), remedy));
+        }
+        None => return (None, Vec::new()),
+    };
+    match (0.0..=most).contains(&number) {
+        true => (Some(goal), Vec::new()),
+        false => (None, problem(field, format!("{number} is out of range"), format!("Give a value from 0 to {most}."))),
+    }
 }
 
 /// The progress of a bake that runs elsewhere.

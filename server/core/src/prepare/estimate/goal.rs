@@ -16,7 +16,7 @@ pub enum Goal {
 pub struct Expected {
     /// Nine of ten bakes take no longer from start to result, s.
     pub most_seconds: f64,
-    /// What 95 of 100 pairs of touching meshes are expected to overlap by at most, m.
+    /// What 95 of 100 pairs of touching meshes overlap by at most in nine of ten bakes, m.
     pub overlap: f64,
 }
 
@@ -35,7 +35,7 @@ pub const TOLERANCE: f64 = 1.25;
 impl Estimate {
     /// With this number of threads.
     pub fn expected(&self, threads: usize) -> Expected {
-        Expected { most_seconds: self.factor * self.wall_seconds(threads), overlap: self.overlap }
+        Expected { most_seconds: self.factor * self.wall_seconds(threads), overlap: self.most_overlap }
     }
 }
 
