@@ -68,13 +68,13 @@ use report::bake::{Bake, BakedBody, BakedPile, BakedSolid, BakedWorld, prop_fram
 use report::clock::Clock;
 use sim::step::Simulation;
 use stages::cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
+use stages::entrance::{self, Entrance};
 use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
 use stages::separate::Separation;
 use stages::taking_apart::RemovedBody;
 use stages::turn_over::TurnOverInputs;
-use stages::entrance::{self, Entrance};
 use stages::{containers, fill, glue, hold, release, separate, taking_apart, turn_over};
 use std::borrow::Cow;
 use world::Units;

@@ -1,7 +1,6 @@
 //! Figures of how the bodies come in, and warnings about it.
 
 use super::inputs::NamedFigures;
-use crate::input::params::Params;
 use crate::stages::entrance::{Entrance, EntranceFigures};
 use std::collections::BTreeMap;
 
@@ -22,24 +21,54 @@ pub fn figures(entrance: &Entrance) -> NamedFigures {
     ])
 }
 
-/// Warnings where the motion is guided by more than is allowed, or cuts.
-pub fn warnings(entrance: &Entrance, params: &Params) -> Vec<String> {
-    let EntranceFigures { guided_impulse, cut_max, .. } = entrance.figures;
-    let (allowed, mut warnings) = (params.entrance.plausibility, Vec::new());
-    if guided_impulse > allowed {
+/// Warnings where the motion is guided by more than is `allowed`, or cuts.
+pub fn warnings(found: &EntranceFigures, allowed: f64) -> Vec<String> {
+    let (guided, cut) = (100.0 * found.guided_impulse, 100.0 * found.cut_max);
+    let mut warnings = Vec::new();
+    if found.guided_impulse > allowed {
+        let allowed = 100.0 * allowed;
         warnings.push(format!(
-            "the entrance is guided: no contact gave {:.1} % of the momentum brought in (entrance.plausibility allows \
-             {:.1} %); use a smaller entrance.spread, another entrance.order or more glue, or allow more",
-            100.0 * guided_impulse,
-            100.0 * allowed
+            "no contact gave {guided:.1} % of the momentum that the entrance brings in, and entrance.plausibility \
+             allows {allowed:.1} %; use a smaller entrance.spread or another entrance.order, or allow more"
         ));
     }
-    if cut_max > SEEN {
+    if found.cut_max > SEEN {
         warnings.push(format!(
-            "bodies that come in cut others by up to {:.0} % of the thinner one's thickness: no free way was found for \
-             them; use a larger entrance.spread or entrance.duration",
-            100.0 * cut_max
+            "bodies that come in cut others by up to {cut:.0} % of the thinner one's thickness: for some, no free way \
+             was found; use a larger entrance.spread or entrance.duration"
         ));
     }
     warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::says_only;
+
+    #[test]
+    fn each_warning_about_an_entrance_has_its_cause() {
+        let free = EntranceFigures { guided_impulse: 0.01, cut_max: 0.01, ..EntranceFigures::default() };
+        for (case, found, words) in [
+            ("when all is well", free, &[] as &[&str]),
+            (
+                "when it is guided",
+                EntranceFigures { guided_impulse: 0.051, ..free },
+                &[
+                    "no contact gave 5.1 % of the momentum that the entrance brings in, and entrance.plausibility allows \
+                   2.0 %; use a smaller entrance.spread or another entrance.order, or allow more",
+                ],
+            ),
+            (
+                "when it cuts",
+                EntranceFigures { cut_max: 0.3, ..free },
+                &[
+                    "bodies that come in cut others by up to 30 % of the thinner one's thickness: for some, no free way \
+                   was found; use a larger entrance.spread or entrance.duration",
+                ],
+            ),
+        ] {
+            says_only(case, &warnings(&found, 0.02), words);
+        }
+    }
 }

@@ -104,7 +104,18 @@ impl<'a> Simulation<'a> {
         pile.recorder.waits = settles_first;
         let show = FramePublisher::new(&params.output);
         let seconds = Seconds::default();
-        Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, moving: 0, seconds, hides_frames: false })
+        Ok(Simulation {
+            pile,
+            guard,
+            events,
+            show,
+            depth,
+            fallen: 0,
+            top_speed: 0.0,
+            moving: 0,
+            seconds,
+            hides_frames: false,
+        })
     }
 
     /// Frame 0 is now: what waited for it begins.

@@ -13,36 +13,39 @@ pub fn check(scene: &Scene, params: &Params, found: &mut Findings) {
     if entrance.kind == EntranceKind::None {
         return;
     }
-    let mut refuse = |field: String, why: &str| {
-        let text = format!("{field}: {why}; leave it out, or leave entrance out");
+    let mut refuse = |field: String| {
+        let text = format!(
+            "{field}: bodies come into the finished pile (entrance), and nothing else may happen; leave one of both out"
+        );
         found.problem(field, text);
     };
-    let pile = "bodies come into the finished pile (entrance), and nothing else may happen";
     for (i, body) in scene.bodies.iter().enumerate() {
         if !body.is_stacked() || body.pinned_until.is_some() {
-            refuse(format!("bodies.{i}"), pile);
+            refuse(format!("bodies.{i}"));
         }
     }
     for (i, model) in scene.statics.iter().enumerate() {
         if !model.keys.is_empty() {
-            refuse(format!("statics.{i}.keyframes"), pile);
+            refuse(format!("statics.{i}.keyframes"));
         }
     }
     if !scene.emitters.is_empty() {
-        refuse("emitters".into(), pile);
+        refuse("emitters".into());
     }
     if !scene.removals.is_empty() {
-        refuse("remove".into(), pile);
+        refuse("remove".into());
     }
     if params.control.until.is_some() {
-        refuse("control.until".into(), pile);
+        refuse("control.until".into());
     }
     if params.output.frames.is_some() {
-        refuse("output.frames".into(), "entrance.start and entrance.duration decide how many frames there are");
+        let text = "output.frames: entrance.start and entrance.duration decide how many frames there are; leave it out";
+        found.problem("output.frames", text);
     }
     let frames = (entrance.start + entrance.duration) * params.output.fps;
     if frames > MOST_FRAMES {
-        let text = format!("entrance.duration: more than {MOST_FRAMES} frames; give less, or fewer output.fps");
+        let text =
+            format!("entrance.duration: {frames:.0} frames are too many; give a shorter time or lower output.fps");
         found.problem("entrance.duration", text);
     }
 }

@@ -219,6 +219,8 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         EntranceKind::None => no("the frames show the release"),
         _ if c.effects.frames == Switch::Off => no("switched off by effects.frames"),
         EntranceKind::Rain => yes("bodies rain into their places: planned back from the finished pile"),
+        EntranceKind::Pour => yes("bodies pour into their places: planned back from the finished pile"),
+        EntranceKind::Throw => yes("bodies are thrown into their places: planned back from the finished pile"),
     })
     .seconds(|spent| spent.entrance),
     row(EffectName::Frames, By("effects.frames", |c| c.effects.frames), &[Count::Frames], |c| {
@@ -226,6 +228,7 @@ pub(super) const ROWS: &[EffectDefinition] = &[
     })
     .seconds(|spent| spent.frames),
     row(Trim, ByValue("output.trim"), &[FramesTrimmed], |c| match c.params.output.trim {
+        _ if c.params.entrance.kind != EntranceKind::None => no("an entrance ends with the pile at rest"),
         true => yes("the last frames are left out where nothing is to be seen"),
         false => no("the scene does not ask for it"),
     }),

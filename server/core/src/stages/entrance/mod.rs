@@ -4,11 +4,11 @@
 //!
 //! 1. [`mod@order`]: bodies leave the pile one by one, each on a free way, and without which no other falls. They land
 //!    in the reverse order.
-//! 2. [`mod@search`]: a way in is a flight under gravity that ends at the body's place ([`mod@path`]), drawn by the seed
-//!    ([`mod@sample`]) and held against all that stands there already ([`mod@sweep`]). Where one is found, the body
-//!    touches something before, and bounces off to its place.
-//! 3. [`mod@landing`]: a body that lands stops. The impulse comes from contacts within their friction, and from glue; the
-//!    rest is guiding, which is summed.
+//! 2. [`mod@search`]: a way in is a flight under gravity that ends at the body's place ([`mod@path`]), drawn by the
+//!    seed ([`mod@sample`]) and held against all that stands there already ([`mod@sweep`]). Where one is found, the
+//!    body touches something before, and bounces off to its place.
+//! 3. [`mod@landing`]: a body that lands stops. The impulse comes from contacts within their friction, and from glue;
+//!    the rest is guiding, which is summed.
 //! 4. [`mod@timing`]: when each lands, so that no two meet in the air.
 //!
 //! Nothing is simulated. The pile is the one that the bake delivers without an entrance, and stands while others land.
@@ -24,7 +24,7 @@ mod timing;
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::input::observer::{Frame, FrameBody, Observer, Progress, Stage, State, observe};
-use crate::input::params::{EntranceOrder, Params};
+use crate::input::params::{EntranceKind, EntranceOrder, Params};
 use crate::sim::pile::Pile;
 use crate::world::{BodyId, Role, World};
 use cairn_statics::local::Analyser;
@@ -37,6 +37,9 @@ use rayon::prelude::*;
 use sample::Source;
 use search::{Arrival, Search};
 use std::collections::BTreeMap;
+
+/// A spout is above the mean of the places of this share of the bodies before and after each.
+const AT_ABOUT: f64 = 0.1;
 
 /// How the bodies come in, and what it takes.
 #[derive(Clone, Debug)]
@@ -81,13 +84,8 @@ pub struct EntranceFigures {
     pub seconds: f64,
 }
 
-/// Plans how the bodies of a finished pile come in. `first`: their places, from the props' own frames, m; shape
-/// `[body]`.
-pub fn run(
-    pile: &Pile,
-    params: &Params,
-    observer: &mut dyn Observer,
-) -> Result<Entrance, Error> {
+/// Plans how the bodies of a finished pile come in.
+pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<Entrance, Error> {
     let begin = observer.cpu_seconds();
     let world = &pile.world;
     let comes = |id: BodyId| world.is_present(id) && world.bodies()[id].role != Role::Pinned;
@@ -99,11 +97,21 @@ pub fn run(
     };
     let places: Vec<DVec3> = ids.iter().map(|&id| world.pose(id).translation).collect();
     let highest = ids.iter().zip(&places).map(|(&id, place)| place.y + world.bodies()[id].radius);
-    let source = Source {
-        kind: params.entrance.kind,
-        top: highest.fold(f64::NEG_INFINITY, f64::max) + params.entrance.height,
-        spread: params.entrance.spread.to_radians(),
-    };
+    let (distance, spread) = (params.entrance.distance, params.entrance.spread.to_radians());
+    let wishes = wishes(params.entrance.order, &places);
+    let top = highest.fold(f64::NEG_INFINITY, f64::max) + distance;
+    let mut from = Vec::new();
+    match params.entrance.kind {
+        EntranceKind::None | EntranceKind::Rain => {}
+        EntranceKind::Pour => {
+            from = vec![DVec3::ZERO; world.bodies().len()];
+            let spouts = spouts(&wishes, &places, top);
+            ids.iter().zip(spouts).for_each(|(&id, spout)| from[id] = spout);
+        }
+        EntranceKind::Throw => from.push(thrower(&places, distance)),
+    }
+    let stream = distance * libm::tan(spread);
+    let source = Source { kind: params.entrance.kind, top, spread, stream, places: from };
     let all = 0..world.bodies().len();
     let inertia = all.map(|id| if world.is_present(id) { inertia(id) } else { DMat3::IDENTITY }).collect();
     let search = Search { world, supports: &supports, source, inertia, seed: params.seed };
@@ -113,7 +121,7 @@ pub fn run(
         let (released, at_rest) = (bodies, bodies);
         observe(observer, &Progress { stage: Stage::Hold, fraction, bodies, released, at_rest, nails: 0, frames: 0 })
     };
-    let wishes: Vec<(f64, BodyId)> = wishes(params.entrance.order, &places).into_iter().zip(ids).collect();
+    let wishes: Vec<(f64, BodyId)> = wishes.into_iter().zip(ids).collect();
     let mut comers = order::plan(&search, &wishes, &mut going)?;
     let bounces = bounce(&search, &mut comers, &comes);
     let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
@@ -158,9 +166,36 @@ fn wishes(order: EntranceOrder, places: &[DVec3]) -> Vec<f64> {
     let wish = |place: &DVec3| match order {
         EntranceOrder::BottomUp => place.y,
         EntranceOrder::CenterOut => DVec3::new(place.x - middle.x, 0.0, place.z - middle.z).length(),
-        EntranceOrder::Along => if size.x >= size.z { place.x } else { place.z },
+        EntranceOrder::Along => {
+            if size.x >= size.z {
+                place.x
+            } else {
+                place.z
+            }
+        }
     };
     places.iter().map(wish).collect()
+}
+
+/// Where the spout is for each place: at this height, above the mean of the places that are filled at about the time.
+fn spouts(wishes: &[f64], places: &[DVec3], top: f64) -> Vec<DVec3> {
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by(|&a, &b| wishes[a].total_cmp(&wishes[b]).then(a.cmp(&b)));
+    let reach = (places.len() as f64 * AT_ABOUT).ceil() as usize;
+    let mut spouts = vec![DVec3::ZERO; places.len()];
+    for (rank, &k) in order.iter().enumerate() {
+        let near = &order[rank.saturating_sub(reach)..(rank + reach + 1).min(order.len())];
+        let mean = near.iter().map(|&other| places[other]).sum::<DVec3>() / near.len() as f64;
+        spouts[k] = DVec3::new(mean.x, top, mean.z);
+    }
+    spouts
+}
+
+/// Where bodies are thrown from: beside the pile on the side of -Z, as high as its lowest body.
+fn thrower(places: &[DVec3], distance: f64) -> DVec3 {
+    let low = places.iter().copied().reduce(DVec3::min).unwrap_or_default();
+    let high = places.iter().copied().reduce(DVec3::max).unwrap_or_default();
+    DVec3::new((low.x + high.x) / 2.0, low.y, low.z - distance)
 }
 
 /// Lets bodies bounce where they may. Returns how many do.
@@ -188,12 +223,7 @@ fn is_comer(world: &World, id: BodyId) -> bool {
 }
 
 /// Momentum that holds bodies which have landed until others that come carry them.
-fn held_impulse(
-    search: &Search,
-    comers: &[(BodyId, Arrival)],
-    lands: &[f64],
-    comes: &dyn Fn(BodyId) -> bool,
-) -> f64 {
+fn held_impulse(search: &Search, comers: &[(BodyId, Arrival)], lands: &[f64], comes: &dyn Fn(BodyId) -> bool) -> f64 {
     let bodies = search.world.bodies().len();
     let mut is_there: Vec<bool> = (0..bodies).map(|id| !comes(id)).collect();
     // Bodies that are not carried: the share of the weight that is missing.

@@ -11,12 +11,12 @@ use rayon::prelude::*;
 const LOOKED_AT: usize = 24;
 /// Bodies looked at in one go. A constant: the same on any machine.
 const AT_ONCE: usize = 4;
-/// What a body that falls without the one that leaves counts, in shares of momentum, and what a cut of a thickness does.
+/// What a body that falls without the one that leaves counts, in shares of momentum; and a cut of a thickness.
 const FALL: f64 = 0.5;
 const CUT: f64 = 10.0;
 
-/// The bodies in the order in which they land, each with its way in. `wishes`: a number for each body that comes, in the
-/// order of which they should land. `going`: called with the share that is done.
+/// The bodies in the order in which they land, each with its way in. `wishes`: a number for each body that comes: they
+/// should land in the order of these. `going`: called with the share that is done.
 pub fn plan(
     search: &Search,
     wishes: &[(f64, BodyId)],

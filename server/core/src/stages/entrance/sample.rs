@@ -3,6 +3,7 @@
 use super::path::{GRAVITY, Twist};
 use crate::geometry::pose::Pose;
 use crate::input::params::EntranceKind;
+use crate::world::BodyId;
 use glam::DVec3;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
@@ -13,16 +14,25 @@ pub const OWN: usize = 10;
 pub const ATTEMPTS: usize = OWN + 24;
 /// The fastest spin, per characteristic time.
 const SPIN: f64 = 1.2;
+/// Speed at which a stream begins, d per characteristic time.
+const STREAM_SPEED: f64 = 3.0;
+/// How steeply bodies are thrown, radians.
+const FLATTEST: f64 = 0.9;
+const STEEPEST: f64 = 1.35;
 /// The fastest way in, in speeds of a fall from the height at which bodies appear.
 const FASTEST: f64 = 2.5;
 
 /// Where bodies come from. Engine units.
 pub struct Source {
     pub kind: EntranceKind,
-    /// Height at which bodies appear.
+    /// Height at which bodies appear that come from above.
     pub top: f64,
     /// How far directions differ, radians.
     pub spread: f64,
+    /// Radius of a stream.
+    pub stream: f64,
+    /// Where each body comes from in a stream; shape `[body]`. Where all are thrown from: the only one.
+    pub places: Vec<DVec3>,
 }
 
 /// Velocities at the end, and how long it takes.
@@ -30,7 +40,7 @@ pub type Sample = (Twist, f64);
 
 impl Source {
     /// A way to a place. `attempt`: its number; `free`: directions that lead away from what is touched there.
-    pub fn sample(&self, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Sample> {
+    pub fn sample(&self, id: BodyId, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Sample> {
         let height = (self.top - end.translation.y).max(0.0);
         let fall = (2.0 * height).sqrt();
         let (azimuth, share, turn) = (TAU * rng.random::<f64>(), rng.random::<f64>(), direction(rng));
@@ -51,6 +61,23 @@ impl Source {
                 let (sin, cos) = libm::sincos(azimuth);
                 let velocity = DVec3::new(aside * cos, -fall, aside * sin);
                 Some((Twist { velocity, spin }, fall))
+            }
+            EntranceKind::Pour => {
+                let (sin, cos) = libm::sincos(azimuth);
+                let from = *self.places.get(id)? + self.stream * share.sqrt() * DVec3::new(cos, 0.0, sin);
+                let down = STREAM_SPEED * rng.random_range(0.5..1.0);
+                let duration = (down * down + 2.0 * (from.y - end.translation.y).max(0.0)).sqrt() - down;
+                Some((Twist { velocity: arrival(from, end.translation, duration), spin }, duration))
+            }
+            EntranceKind::Throw => {
+                let from = *self.places.first()?;
+                let to = end.translation;
+                // Flatter at first, and steeper if that leads nowhere.
+                let rise = STEEPEST + (FLATTEST - STEEPEST) * calm * (1.0 - share * self.spread);
+                let level = DVec3::new(to.x - from.x, 0.0, to.z - from.z).length();
+                let duration = (2.0 * (level * libm::tan(rise) - (to.y - from.y))).max(0.0).sqrt();
+                let velocity = arrival(from, to, duration);
+                (duration > 0.0).then_some((Twist { velocity, spin }, duration))
             }
         }
     }
@@ -93,7 +120,7 @@ pub fn free_directions(normals: &[DVec3]) -> Vec<DVec3> {
     ways.into_iter().map(|(_, way)| way).take(ATTEMPTS - OWN).collect()
 }
 
-/// Velocity at the start of a way that takes this long from one place to another.
-pub fn launch(from: DVec3, to: DVec3, duration: f64) -> DVec3 {
-    (to - from) / duration - 0.5 * duration * GRAVITY
+/// Velocity at the end of a flight that takes this long from one place to another.
+fn arrival(from: DVec3, to: DVec3, duration: f64) -> DVec3 {
+    (to - from) / duration + 0.5 * duration * GRAVITY
 }

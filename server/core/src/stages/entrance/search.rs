@@ -84,9 +84,9 @@ impl Search<'_> {
         let normals: Vec<DVec3> = self.supports.normals(id, is_there).collect();
         let free = free_directions(&normals);
         let mut rng = self.rng(id, 0);
-        let mut best: Option<Arrival> = None;
+        let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
-            let Some((twist, duration)) = self.source.sample(&end, attempt, &free, &mut rng) else { continue };
+            let Some((twist, duration)) = self.source.sample(id, &end, attempt, &free, &mut rng) else { continue };
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
             let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
@@ -97,21 +97,19 @@ impl Search<'_> {
             let path = Path { flights: vec![Flight::new(end, twist, duration, &self.inertia[id])] };
             let most = best.as_ref().map_or(f64::INFINITY, |best| best.rank().0.max(sweep::ALLOWED));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
+            blockers.extend_from_slice(&passage.blockers);
             let found = Arrival { path, momentum, guided, passage };
-            let blockers = best.as_ref().map(|best| best.passage.blockers.clone()).unwrap_or_default();
             if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
                 best = Some(found);
-            }
-            if let Some(best) = &mut best {
-                best.passage.blockers.extend(blockers);
             }
             if best.as_ref().is_some_and(Arrival::is_good) {
                 break;
             }
         }
+        blockers.sort_unstable();
+        blockers.dedup();
         let mut best = best?;
-        best.passage.blockers.sort_unstable();
-        best.passage.blockers.dedup();
+        best.passage.blockers = blockers;
         Some(best)
     }
 
@@ -148,7 +146,8 @@ impl Search<'_> {
         let aside = BOUNCE_ASIDE * down.min(1.0) * rng.random::<f64>();
         let way = direction(rng);
         let aside = aside * DVec3::new(way.x, 0.0, way.z).normalize_or_zero();
-        let twist = Twist { velocity: aside - down * DVec3::Y, spin: BOUNCE_SPIN * rng.random::<f64>() * direction(rng) };
+        let twist =
+            Twist { velocity: aside - down * DVec3::Y, spin: BOUNCE_SPIN * rng.random::<f64>() * direction(rng) };
         let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
         let momentum = self.size(id, force, moment);
         let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
@@ -177,7 +176,7 @@ impl Search<'_> {
         let (mass, radius, inertia) = self.body(id, &touch);
         let contacts = self.touching(id, &touch, is_there);
         let middle = contacts.iter().map(|c| c.point).sum::<DVec3>() / contacts.len().max(1) as f64;
-        let (before, duration) = self.source.sample(&touch, 0, &[], rng)?;
+        let (before, duration) = self.source.sample(id, &touch, 0, &[], rng)?;
         let force = mass * (after.velocity - before.velocity);
         // The spin with which an impact at the middle of the contacts is all that happens.
         let own = after.spin - inertia.inverse() * (middle - touch.translation).cross(force);

@@ -4,8 +4,8 @@ use super::{ContactPair, ContactPoint, PairSide};
 use crate::world::manifold::{Manifolds, REPORTED};
 use crate::world::settings::PREDICTION;
 use crate::world::{BodyId, World};
-use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::math::Pose;
+use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{ContactManifold, ContactManifoldsWorkspace, PersistentQueryDispatcher};
 use rapier3d::parry::shape::Shape;
 use rapier3d::prelude::{Collider, ColliderHandle};
@@ -126,8 +126,7 @@ pub(in crate::world) fn points((at1, first): Placed, (at2, second): Placed, limi
     let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
     let mut workspace: Option<ContactManifoldsWorkspace> = None;
     let dispatcher = Manifolds { most: REPORTED };
-    let found =
-        dispatcher.contact_manifolds(&pos12, first, second, limit as f32, &mut manifolds, &mut workspace);
+    let found = dispatcher.contact_manifolds(&pos12, first, second, limit as f32, &mut manifolds, &mut workspace);
     let mut points = Vec::new();
     if found.is_err() {
         return points;

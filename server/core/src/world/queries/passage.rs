@@ -69,14 +69,7 @@ impl World {
         self.gap(first.0, first.1, collider, &(to_engine(second.1) * other.collider_pose), reach)
     }
 
-    fn gap(
-        &self,
-        id: BodyId,
-        pose: &Pose,
-        other: &Collider,
-        place: &rapier3d::math::Pose,
-        reach: f64,
-    ) -> Option<f64> {
+    fn gap(&self, id: BodyId, pose: &Pose, other: &Collider, place: &rapier3d::math::Pose, reach: f64) -> Option<f64> {
         let body = &self.bodies[id];
         let own = self.engine.colliders.get(body.collider)?;
         let at = to_engine(pose) * body.collider_pose;
