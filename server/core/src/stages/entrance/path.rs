@@ -140,6 +140,15 @@ impl Path {
         self.flights.iter().map(|flight| flight.twist.spin.length() * radius).fold(0.0, f64::max)
     }
 
+    /// The highest speed of the center of mass.
+    pub fn fastest(&self) -> f64 {
+        let ends = |flight: &Flight| {
+            let begin = flight.twist.velocity - flight.duration * GRAVITY;
+            flight.twist.velocity.length().max(begin.length())
+        };
+        self.flights.iter().map(ends).fold(0.0, f64::max)
+    }
+
     pub fn end(&self) -> &Pose {
         &self.flights[0].end
     }

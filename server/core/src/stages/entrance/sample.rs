@@ -20,7 +20,7 @@ const STREAM_SPEED: f64 = 3.0;
 const FLATTEST: f64 = 0.9;
 const STEEPEST: f64 = 1.35;
 /// The fastest way in, in speeds of a fall from the height at which bodies appear.
-const FASTEST: f64 = 2.5;
+const FASTEST: f64 = 4.0;
 
 /// Where bodies come from. Engine units.
 pub struct Source {
@@ -48,9 +48,9 @@ impl Source {
         if let Some(k) = attempt.checked_sub(OWN) {
             // Along what is free, the steepest first, without a turn.
             let way = *free.get(k)?;
-            let speed = (fall / way.y.max(0.05)).min(FASTEST * fall);
-            let velocity = -speed * way;
-            return Some((Twist { velocity, spin: DVec3::ZERO }, duration(velocity, height)));
+            let velocity = -(fall / way.y) * way;
+            let is_slow = velocity.length() <= FASTEST * fall;
+            return is_slow.then_some((Twist { velocity, spin: DVec3::ZERO }, fall));
         }
         let calm = 1.0 - attempt as f64 / (OWN - 1) as f64;
         let spin = calm * spin;
@@ -83,16 +83,6 @@ impl Source {
     }
 }
 
-/// How long it takes from where it was as high as the place where bodies appear, or as high as that gets.
-fn duration(velocity: DVec3, height: f64) -> f64 {
-    let down = (-velocity.y).max(0.0);
-    let at_top = down * down - 2.0 * height;
-    match at_top >= 0.0 {
-        true => down - at_top.sqrt(),
-        false => 2.0 * down,
-    }
-}
-
 /// A direction, evenly drawn.
 pub fn direction(rng: &mut Pcg64Mcg) -> DVec3 {
     let (height, turn) = (rng.random_range(-1.0..1.0f64), TAU * rng.random::<f64>());
@@ -106,8 +96,7 @@ pub fn free_directions(normals: &[DVec3]) -> Vec<DVec3> {
     const COUNT: usize = 96;
     let golden = TAU * 0.618_033_988_749_895;
     let spiral = (0..COUNT).map(|k| {
-        // From straight up to a little below level.
-        let height = 1.0 - 1.1 * k as f64 / COUNT as f64;
+        let height = 1.0 - k as f64 / COUNT as f64;
         let (sin, cos) = libm::sincos(golden * k as f64);
         let out = (1.0 - height * height).max(0.0).sqrt();
         DVec3::new(out * cos, height, out * sin)
@@ -115,7 +104,7 @@ pub fn free_directions(normals: &[DVec3]) -> Vec<DVec3> {
     let along = normals.iter().map(|normal| normal.normalize_or_zero());
     let rate = |way: DVec3| normals.iter().map(|normal| normal.dot(way)).fold(0.0, f64::min);
     let mut ways: Vec<(f64, DVec3)> = spiral.chain(along).map(|way| (4.0 * rate(way) + way.y, way)).collect();
-    ways.retain(|(_, way)| way.y > -0.2 && *way != DVec3::ZERO);
+    ways.retain(|(_, way)| way.y * FASTEST > 1.0);
     ways.sort_by(|a, b| b.0.total_cmp(&a.0));
     ways.into_iter().map(|(_, way)| way).take(ATTEMPTS - OWN).collect()
 }

@@ -168,18 +168,26 @@ pub fn meet(world: &World, first: Flyer, second: Flyer) -> f64 {
     let bodies = world.bodies();
     let (a, b) = (&bodies[first.id], &bodies[second.id]);
     let both = a.radius + b.radius;
-    // Both fall: one moves past the other on a straight line.
+    if from >= to {
+        return 0.0;
+    }
     let apart = |time: f64| first.pose(time).translation - second.pose(time).translation;
-    let speed = first.velocity(to) - second.velocity(to);
-    let nearest = match speed.length_squared() {
+    let is_straight = first.path.flights.len() == 1 && second.path.flights.len() == 1;
+    // Where both fall, one moves past the other on a straight line.
+    let passing = first.velocity(to) - second.velocity(to);
+    let nearest = match passing.length_squared() {
         0.0 => from,
-        square => (to - apart(to).dot(speed) / square).clamp(from, to.max(from)),
+        square => (to - apart(to).dot(passing) / square).clamp(from, to),
     };
-    if from >= to || apart(nearest).length() > both {
+    if is_straight && apart(nearest).length() > both {
         return 0.0;
     }
     let thickness = a.thickness.min(b.thickness);
-    let speed = speed.length() + first.path.turning(a.radius) + second.path.turning(b.radius) + 1e-3;
+    let moving = match is_straight {
+        true => passing.length(),
+        false => first.path.fastest() + second.path.fastest(),
+    };
+    let speed = moving + first.path.turning(a.radius) + second.path.turning(b.radius) + 1e-3;
     let (mut time, mut cut) = (from, 0.0f64);
     for _ in 0..MOST_STEPS {
         if time > to {

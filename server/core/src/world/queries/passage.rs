@@ -6,7 +6,8 @@ use crate::world::{BodyId, ContactPoint, PairSide, World, units::to_engine};
 use glam::DVec3;
 use rapier3d::parry::bounding_volume::Aabb;
 use rapier3d::parry::query;
-use rapier3d::prelude::{Collider, ColliderHandle};
+use rapier3d::parry::shape::Shape;
+use rapier3d::prelude::{Collider, ColliderHandle, SharedShape, Vector};
 
 /// Something that a planned motion may meet, where it is in the world.
 #[derive(Clone, Copy, Debug)]
@@ -73,7 +74,20 @@ impl World {
         let body = &self.bodies[id];
         let own = self.engine.colliders.get(body.collider)?;
         let at = to_engine(pose) * body.collider_pose;
-        let found = query::contact(&at, own.shape(), place, other.shape(), reach as f32).ok()??;
-        Some(f64::from(found.dist)).filter(|gap| gap.is_finite())
+        let gap = match other.shape().as_halfspace() {
+            // The library takes the pose for its inverse where a plane comes second.
+            Some(plane) => lowest(own.shape(), &place.inv_mul(&at), plane.normal),
+            None => query::contact(&at, own.shape(), place, other.shape(), reach as f32).ok()??.dist,
+        };
+        Some(f64::from(gap)).filter(|gap| gap.is_finite() && *gap <= reach)
     }
+}
+
+/// The least height of a shape at a pose over the plane through the origin with this normal.
+fn lowest(shape: &dyn Shape, pose: &rapier3d::math::Pose, normal: Vector) -> f32 {
+    if let Some(parts) = shape.as_compound() {
+        let part = |(place, part): &(rapier3d::math::Pose, SharedShape)| lowest(&**part, &(*pose * *place), normal);
+        return parts.shapes().iter().map(part).fold(f32::INFINITY, f32::min);
+    }
+    shape.as_support_map().map_or(f32::INFINITY, |map| map.support_point(pose, -normal).dot(normal))
 }
