@@ -14,6 +14,11 @@ use rand_pcg::Pcg64Mcg;
 
 /// A way in is good enough if contacts give all but this share of the momentum brought in.
 const GOOD: f64 = 0.005;
+/// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
+/// velocity, and per characteristic time.
+const REFINED: usize = 40;
+const NEAR: f64 = 0.2;
+const NEAR_SPIN: f64 = 0.3;
 /// Bodies' random numbers differ from each other's, and from the fill's.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 const SEED: u64 = 0x6f8d_1e53_a2c4_97b1;
@@ -46,6 +51,14 @@ impl Arrival {
         let cut = if self.passage.is_clear() { 0.0 } else { self.passage.cut };
         (cut, self.guided / self.momentum.max(f64::MIN_POSITIVE))
     }
+}
+
+/// A way in that is a little other than a flight.
+fn near(flight: &Flight, rng: &mut Pcg64Mcg) -> (Twist, f64) {
+    let Twist { velocity, spin } = flight.twist;
+    let aside = direction(rng) * NEAR * velocity.length() * rng.random::<f64>();
+    let velocity = velocity + DVec3::new(aside.x, 0.0, aside.z);
+    (Twist { velocity, spin: spin + NEAR_SPIN * rng.random::<f64>() * direction(rng) }, flight.duration)
 }
 
 /// What the search looks at.
@@ -85,8 +98,14 @@ impl Search<'_> {
         let free = free_directions(&normals);
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
-        for attempt in 0..ATTEMPTS {
-            let Some((twist, duration)) = self.source.sample(id, &end, attempt, &free, &mut rng) else { continue };
+        for attempt in 0..ATTEMPTS + REFINED {
+            let sample = match &best {
+                _ if attempt < ATTEMPTS => self.source.sample(id, &end, attempt, &free, &mut rng),
+                // Near to the best, as long as that cuts something.
+                Some(best) if !best.passage.is_clear() => Some(near(&best.path.flights[0], &mut rng)),
+                _ => break,
+            };
+            let Some((twist, duration)) = sample else { continue };
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
             let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);

@@ -8,9 +8,9 @@ use glam::DVec3;
 
 /// The largest step, characteristic times, and the smallest, thicknesses.
 const LONGEST: f64 = 0.5;
-const SHORTEST: f64 = 0.2;
+const SHORTEST: f64 = 0.05;
 /// Bound on the steps of a motion.
-const MOST_STEPS: usize = 4000;
+const MOST_STEPS: usize = 40_000;
 /// Farther away than this, in d, distances are not computed.
 const REACH: f64 = 0.5;
 /// How exactly the time of a touch is found: halvings of a step.
