@@ -198,21 +198,24 @@ fn thrower(places: &[DVec3], distance: f64) -> DVec3 {
     DVec3::new((low.x + high.x) / 2.0, low.y, low.z - distance)
 }
 
-/// Lets bodies bounce where they may. Returns how many do.
+/// Lets bodies bounce where they may, and looks further where one cuts something. Returns how many bounce.
 fn bounce(search: &Search, comers: &mut [(BodyId, Arrival)], comes: &dyn Fn(BodyId) -> bool) -> u64 {
     let bodies = search.world.bodies().len();
     let mut number: Vec<usize> = (0..bodies).map(|id| if comes(id) { usize::MAX } else { 0 }).collect();
     comers.iter().enumerate().for_each(|(k, (id, _))| number[*id] = k);
     let bounced = |(k, (id, arrival)): (usize, &(BodyId, Arrival))| {
         let is_there = |other: BodyId| number[other] < k || !is_comer(search.world, other);
-        search.bounced(*id, &is_there, arrival, &mut Analyser::new())
+        match arrival.passage.is_clear() {
+            true => search.bounced(*id, &is_there, arrival, &mut Analyser::new()),
+            false => search.refined(*id, &is_there, arrival),
+        }
     };
     let found: Vec<Option<Arrival>> = comers.par_iter().enumerate().map(bounced).collect();
     let mut count = 0;
     for ((_, arrival), found) in comers.iter_mut().zip(found) {
         if let Some(found) = found {
+            count += u64::from(found.path.flights.len() > 1);
             *arrival = found;
-            count += 1;
         }
     }
     count

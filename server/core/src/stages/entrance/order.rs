@@ -64,8 +64,15 @@ pub fn plan(
         let id = left.remove(place);
         is_left[id] = false;
         let Some(Some(arrival)) = known[id].take() else { break };
-        for other in search.supports.neighbours(id) {
-            (known[other], carried[other]) = (None, None);
+        for other in search.supports.neighbours(id).into_iter().filter(|&other| is_left[other]) {
+            carried[other] = None;
+            // A free way stays free; another one is needed where less stops the body.
+            if let Some(Some(found)) = &mut known[other] {
+                search.weighed(other, &|id| is_left[id], found, &mut analyser);
+            }
+            if !known[other].as_ref().is_some_and(|found| found.as_ref().is_some_and(Arrival::is_good)) {
+                known[other] = None;
+            }
         }
         for &other in &left {
             let is_blocked =

@@ -17,6 +17,8 @@ const GOOD: f64 = 0.005;
 /// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
 /// velocity, and per characteristic time.
 const REFINED: usize = 40;
+/// A way that cuts by more thicknesses is not followed any further.
+const DEEPEST: f64 = 0.5;
 const NEAR: f64 = 0.2;
 const NEAR_SPIN: f64 = 0.3;
 /// Bodies' random numbers differ from each other's, and from the fill's.
@@ -98,13 +100,8 @@ impl Search<'_> {
         let free = free_directions(&normals);
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
-        for attempt in 0..ATTEMPTS + REFINED {
-            let sample = match &best {
-                _ if attempt < ATTEMPTS => self.source.sample(id, &end, attempt, &free, &mut rng),
-                // Near to the best, as long as that cuts something.
-                Some(best) if !best.passage.is_clear() => Some(near(&best.path.flights[0], &mut rng)),
-                _ => break,
-            };
+        for attempt in 0..ATTEMPTS {
+            let sample = self.source.sample(id, &end, attempt, &free, &mut rng);
             let Some((twist, duration)) = sample else { continue };
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
@@ -114,7 +111,7 @@ impl Search<'_> {
                 continue;
             }
             let path = Path { flights: vec![Flight::new(end, twist, duration, &self.inertia[id])] };
-            let most = best.as_ref().map_or(f64::INFINITY, |best| best.rank().0.max(sweep::ALLOWED));
+            let most = best.as_ref().map_or(DEEPEST, |best| best.rank().0.clamp(sweep::ALLOWED, DEEPEST));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
             blockers.extend_from_slice(&passage.blockers);
             let found = Arrival { path, momentum, guided, passage };
@@ -130,6 +127,45 @@ impl Search<'_> {
         let mut best = best?;
         best.passage.blockers = blockers;
         Some(best)
+    }
+
+    /// A way in near to one that cuts something, which cuts less.
+    pub fn refined(&self, id: BodyId, is_there: &dyn Fn(BodyId) -> bool, than: &Arrival) -> Option<Arrival> {
+        let end = self.world.pose(id);
+        let (mass, _, inertia) = self.body(id, &end);
+        let (mut rng, mut analyser) = (self.rng(id, BOUNCES + 1), Analyser::new());
+        let mut best = than.clone();
+        for _ in 0..REFINED {
+            if best.passage.is_clear() {
+                break;
+            }
+            let (twist, duration) = near(&best.path.flights[0], &mut rng);
+            let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
+            let momentum = self.size(id, force, moment);
+            let guided = momentum * self.supports.missing(id, is_there, force, moment, &mut analyser);
+            let path = Path { flights: vec![Flight::new(end, twist, duration, &self.inertia[id])] };
+            let passage = sweep::pass(self.world, id, &path, is_there, best.passage.cut.max(sweep::ALLOWED));
+            let found = Arrival { path, momentum, guided, passage };
+            if found.rank() < best.rank() {
+                best = found;
+            }
+        }
+        (best.rank() < than.rank()).then_some(best)
+    }
+
+    /// The same way, with what others leave of its support.
+    pub fn weighed(
+        &self,
+        id: BodyId,
+        is_there: &dyn Fn(BodyId) -> bool,
+        arrival: &mut Arrival,
+        analyser: &mut Analyser,
+    ) {
+        let end = self.world.pose(id);
+        let (mass, _, inertia) = self.body(id, &end);
+        let twist = arrival.path.flights[0].twist;
+        let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
+        arrival.guided = arrival.momentum * self.supports.missing(id, is_there, force, moment, analyser);
     }
 
     /// A way in that touches something first and bounces off to the end, if one is found that needs no more guiding

@@ -9,6 +9,8 @@ use glam::DVec3;
 /// The largest step, characteristic times, and the smallest, thicknesses.
 const LONGEST: f64 = 0.5;
 const SHORTEST: f64 = 0.05;
+/// The smallest step of a first look, which most motions do not survive.
+const COARSE: f64 = 0.3;
 /// Bound on the steps of a motion.
 const MOST_STEPS: usize = 40_000;
 /// Farther away than this, in d, distances are not computed.
@@ -48,6 +50,8 @@ struct Walk<'a> {
     near: Vec<Near>,
     radius: f64,
     turning: f64,
+    /// The smallest step, thicknesses.
+    shortest: f64,
 }
 
 impl<'a> Walk<'a> {
@@ -65,7 +69,7 @@ impl<'a> Walk<'a> {
             Some(Near { obstacle, thickness, depth })
         };
         let near = world.obstacles(id, low, high).into_iter().filter_map(near).collect();
-        Walk { world, id, path, near, radius, turning: path.turning(radius) }
+        Walk { world, id, path, near, radius, turning: path.turning(radius), shortest: SHORTEST }
     }
 
     /// At a time before the end: the deepest cut, in the thickness of the thinner one, what is cut by more than is
@@ -89,31 +93,42 @@ impl<'a> Walk<'a> {
             if cut > ALLOWED {
                 met.push(obstacle.side);
             }
-            free = free.min(gap.max(SHORTEST * thickness));
+            free = free.min(gap.max(self.shortest * thickness));
         }
         (deepest, met, free / speed)
+    }
+
+    /// From the end to the beginning, or to the first cut beyond `most`.
+    fn pass(&self, most: f64) -> Passage {
+        let (mut passage, mut before, duration) = (Passage::default(), 0.0, self.path.duration());
+        for _ in 0..MOST_STEPS {
+            let (cut, met, free) = self.look(before);
+            passage.cut = passage.cut.max(cut);
+            passage.blockers.extend(met.into_iter().filter_map(|side| match side {
+                PairSide::Body(other) => Some(other),
+                _ => None,
+            }));
+            if passage.cut > most || before >= duration {
+                break;
+            }
+            before = (before + free).min(duration);
+        }
+        passage.blockers.sort_unstable();
+        passage.blockers.dedup();
+        passage
     }
 }
 
 /// Follows the motion of a body to its beginning. Ends at the first cut beyond `most`.
 pub fn pass(world: &World, id: BodyId, path: &Path, is_there: &dyn Fn(BodyId) -> bool, most: f64) -> Passage {
-    let walk = Walk::new(world, id, path, is_there);
-    let (mut passage, mut before, duration) = (Passage::default(), 0.0, path.duration());
-    for _ in 0..MOST_STEPS {
-        let (cut, met, free) = walk.look(before);
-        passage.cut = passage.cut.max(cut);
-        passage.blockers.extend(met.into_iter().filter_map(|side| match side {
-            PairSide::Body(other) => Some(other),
-            _ => None,
-        }));
-        if passage.cut > most || before >= duration {
-            break;
-        }
-        before = (before + free).min(duration);
+    let mut walk = Walk::new(world, id, path, is_there);
+    walk.shortest = COARSE;
+    let coarse = walk.pass(most);
+    if coarse.cut > most {
+        return coarse;
     }
-    passage.blockers.sort_unstable();
-    passage.blockers.dedup();
-    passage
+    walk.shortest = SHORTEST;
+    walk.pass(most)
 }
 
 /// The latest time before its end at which a motion touches something that it would cut before, within a small gap.
