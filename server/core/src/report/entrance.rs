@@ -54,18 +54,14 @@ mod tests {
             (
                 "when it is guided",
                 EntranceFigures { guided_impulse: 0.051, ..free },
-                &[
-                    "no contact gave 5.1 % of the momentum that the entrance brings in, and entrance.plausibility allows \
-                   2.0 %; use a smaller entrance.spread or another entrance.order, or allow more",
-                ],
+                &["no contact gave 5.1 % of the momentum that the entrance brings in, and entrance.plausibility \
+                     allows 2.0 %; use a smaller entrance.spread or another entrance.order, or allow more"],
             ),
             (
                 "when it cuts",
                 EntranceFigures { cut_max: 0.3, ..free },
-                &[
-                    "bodies that come in cut others by up to 30 % of the thinner one's thickness: for some, no free way \
-                   was found; use a larger entrance.spread or entrance.duration",
-                ],
+                &["bodies that come in cut others by up to 30 % of the thinner one's thickness: for some, no free \
+                     way was found; use a larger entrance.spread or entrance.duration"],
             ),
         ] {
             says_only(case, &warnings(&found, 0.02), words);

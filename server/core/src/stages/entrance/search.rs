@@ -213,7 +213,7 @@ impl Search<'_> {
         let path = Path { flights: vec![flight] };
         let touches = sweep::first_cut(self.world, id, &path, is_there)?;
         let flight = path.flights.into_iter().next()?.cut(touches);
-        (touches >= BOUNCE_TIME[0] && touches < BOUNCE_TIME[1]).then_some((flight, guided))
+        (BOUNCE_TIME[0]..BOUNCE_TIME[1]).contains(&touches).then_some((flight, guided))
     }
 
     /// The way to where a jump begins. `guided`: at the end of the jump.
