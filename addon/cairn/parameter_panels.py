@@ -193,6 +193,15 @@ class CAIRN_PT_region(_Parameters, Panel):
         layout.prop(settings, "region")
 
 
+class CAIRN_PT_entrance(_Parameters, Panel):
+    bl_label = "Entrance"
+    messages = ("Entrance",)
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Entrance")
+
+
 class CAIRN_PT_output(_Parameters, Panel):
     bl_label = "Output"
     messages = ("Output",)
@@ -211,6 +220,7 @@ CLASSES = [
     CAIRN_PT_keep,
     CAIRN_PT_drop,
     CAIRN_PT_region,
+    CAIRN_PT_entrance,
     CAIRN_PT_output,
     CAIRN_PT_advanced,
     CAIRN_PT_fill,

@@ -16,6 +16,7 @@ FIGURES = [
     # Of the meshes, where bodies meet: 95 of 100 are smaller.
     ("visible_depth_p95", "Visible Overlap", panels.length),
     ("visible_gap_p95", "Visible Gap", panels.length),
+    ("entrance_guided_impulse", "Guided Momentum", "{:.1%}"),
 ]
 
 # Dots of glue that are listed: those that carry most.

@@ -11,6 +11,7 @@ PANELS = {
     "base": "Advanced, Fill",
     "fill": "Advanced, Fill",
     "release": "Advanced, Release",
+    "entrance": "Entrance",
     "control": "Advanced, Control",
     "glue": "Advanced, Glue",
     "hold": "Advanced, Release",

@@ -65,10 +65,11 @@ use prepare::estimate::{self, Estimate, Workload};
 use prepare::plan::{self, Plan};
 use prepare::shape::{self, Shape, ShapeSummary};
 use rayon::prelude::*;
-use report::bake::{Bake, BakedPile, BakedSolid, BakedWorld, prop_frames};
+use report::bake::{Bake, BakedBody, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
 use sim::step::Simulation;
 use stages::cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
+use stages::entrance::{self, Entrance};
 use stages::fill::Filled;
 use stages::glue::Glued;
 use stages::hold::HoldOutcome;
@@ -269,6 +270,8 @@ pub struct Released<'a> {
     separation: Option<Separation>,
     /// With every frame that was kept.
     pile: BakedPile,
+    /// How its bodies come in, and the pile with the frames that show it.
+    entrance: Option<(Entrance, BakedPile)>,
     clock: Clock,
 }
 
@@ -285,6 +288,7 @@ pub fn release_pile<'a>(
     clock.skip(observer);
 
     let mut sim = full.turn_over_as(scene, params, &resolved)?;
+    sim.hides_frames = resolved.is_on(EffectName::Entrance);
     let glued = match resolved.is_on(EffectName::Glue) {
         true => {
             // The fill is inside the container: only a region of its own matters.
@@ -321,7 +325,28 @@ pub fn release_pile<'a>(
     clock.lap(Stage::Hold, observer);
 
     let pile = baked_pile(scene, params, full, &sim, glued.is_some())?;
-    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, removed, separation, pile, clock })
+    let entrance = match sim.hides_frames {
+        true => Some(entered(&sim, params, &pile, observer)?),
+        false => None,
+    };
+    clock.lap(Stage::Hold, observer);
+    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, removed, separation, pile, entrance, clock })
+}
+
+/// How the bodies of a finished pile come in, and the pile with the frames that show it.
+fn entered(
+    sim: &Simulation,
+    params: &Params,
+    pile: &BakedPile,
+    observer: &mut dyn Observer,
+) -> Result<(Entrance, BakedPile), Error> {
+    let entrance = entrance::run(&sim.pile, params, observer)?;
+    let end = pile.last_frame();
+    let frames = entrance.frames(&sim.pile, &end.frames[0]);
+    let appear = entrance.first_frames(end.bodies.len());
+    entrance::show(&sim.pile, &frames, &appear, params.output.fps, observer);
+    let bodies = end.bodies.iter().zip(appear).map(|(body, first_frame)| BakedBody { first_frame, ..*body }).collect();
+    Ok((entrance, BakedPile { bodies, frames, ..end }))
 }
 
 /// The frames of a pile, and its glue where `is_glued`.
@@ -356,7 +381,7 @@ impl Released<'_> {
     /// Every frame, or the last one alone, as the parameters ask for.
     pub fn pile(&self) -> Cow<'_, BakedPile> {
         match self.sim.pile.recorder.keeps() {
-            true => Cow::Borrowed(&self.pile),
+            true => Cow::Borrowed(self.entrance.as_ref().map_or(&self.pile, |(_, pile)| pile)),
             false => Cow::Owned(self.pile.last_frame()),
         }
     }
@@ -379,6 +404,7 @@ impl Released<'_> {
             separation: self.separation,
             glued: self.glued.as_ref(),
             pile: &self.pile,
+            entrance: self.entrance.as_ref().map(|(entrance, _)| entrance),
             ground: full.checked.ground,
         };
         let mut report = report::make::report(&inputs, &mut self.sim, clock, observer)?;
@@ -386,7 +412,11 @@ impl Released<'_> {
         if full.is_cached {
             report.recall_fill();
         }
-        let pile = if self.sim.pile.recorder.keeps() { self.pile } else { self.pile.last_frame() };
+        let pile = match self.entrance {
+            Some((_, entered)) => entered,
+            None if self.sim.pile.recorder.keeps() => self.pile,
+            None => self.pile.last_frame(),
+        };
         Ok(Bake { pile, report })
     }
 }

@@ -29,7 +29,12 @@ impl PileContacts {
     /// The world as it stands. Pairs count up to a gap of `gap` of the thinner body's thickness; pinned bodies carry
     /// like scenery.
     pub fn new(world: &World, gap: f64) -> PileContacts {
-        let ids: Vec<BodyId> = world.present().filter(|&id| !world.bodies()[id].role.stands()).collect();
+        PileContacts::of(world, gap, &|id| !world.bodies()[id].role.stands())
+    }
+
+    /// The same, where `moves` says which bodies may move.
+    pub fn of(world: &World, gap: f64, moves: &dyn Fn(BodyId) -> bool) -> PileContacts {
+        let ids: Vec<BodyId> = world.present().filter(|&id| moves(id)).collect();
         let body = |&id: &BodyId| {
             let b = &world.bodies()[id];
             GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }

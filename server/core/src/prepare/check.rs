@@ -1,6 +1,7 @@
 //! Checks a scene before anything runs: all problems at once, the warnings, and the sizes that the rest is measured in.
 
 mod added;
+mod entrance;
 mod narrow;
 mod shell;
 mod standing;
@@ -131,6 +132,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
         }
     }
     added::check(scene, params, &mut found);
+    entrance::check(scene, params, &mut found);
     let sizes: Vec<Size> = scene.props.iter().map(|p| Size::of(&p.model.mesh)).collect();
     for (i, (prop, size)) in scene.props.iter().zip(&sizes).enumerate() {
         if let Err(text) = prop_mesh(scene, params, prop, size, &mut found.warnings) {

@@ -2,7 +2,7 @@
 
 use crate::geometry::ClosedMesh;
 use crate::input::observer::Stage;
-use crate::input::params::{Accuracy, Params};
+use crate::input::params::{Accuracy, EntranceKind, Params};
 use crate::input::scene::Scene;
 use crate::prepare::check::CheckedScene;
 use crate::prepare::effects::{Effect, EffectName, Resolved};
@@ -64,8 +64,11 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
 
 /// Frames of a release and hold that are expected to take this long, s.
 fn most_frames(seconds: f64, params: &Params) -> usize {
-    /// Nearly all piles rest within this many times the expected time.
+    /// Nearly all piles rest, and nearly all entrances end, within this many times the expected time.
     const LATE: f64 = 2.0;
+    let entrance = &params.entrance;
+    let is_shown = entrance.kind != EntranceKind::None;
+    let seconds = seconds + if is_shown { entrance.start + entrance.duration } else { 0.0 };
     1 + params.output.frames.map_or((LATE * seconds * params.output.fps).ceil() as usize, |frames| frames as usize)
 }
 

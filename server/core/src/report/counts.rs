@@ -17,6 +17,8 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
     let steps_if = |on: bool| if on { pile.step } else { 0 };
     let removed = filled.map(|filled| filled.removed).unwrap_or_default();
     let both = |of: fn(&WorldCounters) -> u64| of(&world.counters) + filled.map_or(0, |filled| of(&filled.counters));
+    let frames = inputs.entrance.map_or(pile.recorder.frames.len(), |entrance| entrance.last + 1);
+    let entrance = inputs.entrance.map(|entrance| entrance.figures).unwrap_or_default();
     BTreeMap::from([
         (Count::FillSteps, filled.map_or(0, |filled| filled.steps)),
         (Count::FillBodySteps, filled.map_or(0, |filled| filled.counters.awake_body_steps)),
@@ -48,7 +50,9 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::HoldsBroken, tally.holds_broken),
         (Count::Unjammed, tally.unjammed),
         (Count::Shaken, tally.shaken),
-        (Count::Frames, if pile.recorder.keeps() { pile.recorder.frames.len() as u64 } else { 0 }),
+        (Count::Frames, if pile.recorder.keeps() { frames as u64 } else { 0 }),
+        (Count::EntranceBodies, entrance.bodies),
+        (Count::EntranceBounces, entrance.bounces),
         (Count::FramesTrimmed, pile.recorder.trimmed as u64),
         (Count::CoreTriangles, inputs.core.map_or(0, |core| core.mesh.triangles.len() as u64)),
         (Count::WallTrianglesSaved, filled.map_or(0, |filled| filled.wall_triangles_saved as u64)),

@@ -11,6 +11,7 @@ use crate::prepare::container::core::Core;
 use crate::prepare::effects::Resolved;
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::Shape;
+use crate::stages::entrance::Entrance;
 use crate::stages::fill::Filled;
 use crate::stages::glue::Glued;
 use crate::stages::hold::HoldOutcome;
@@ -38,6 +39,8 @@ pub struct ReportInputs<'a> {
     pub glued: Option<&'a Glued>,
     /// With every frame that was kept.
     pub pile: &'a BakedPile,
+    /// How its bodies come in.
+    pub entrance: Option<&'a Entrance>,
     /// Height, m.
     pub ground: f64,
 }

@@ -1,7 +1,7 @@
 //! Measures the pile, and gathers the warnings.
 
 use super::inputs::ReportInputs;
-use super::{Name, Report, contacts, counts, glue, motion, shape, tidiness, visible, warnings};
+use super::{Name, Report, contacts, counts, entrance, glue, motion, shape, tidiness, visible, warnings};
 use crate::error::Error;
 use crate::geometry::contact::REAL_CONTACT;
 use crate::input::observer::{Observer, Stage, observe};
@@ -67,6 +67,8 @@ pub fn report(
     own.visible = observer.cpu_seconds() - begin;
     let separation = inputs.separation;
     measures.insert("separation_max_rel", separation.map(|found| found.farthest));
+    measures.extend(inputs.entrance.map(entrance::figures).unwrap_or_default());
+    own.entrance = inputs.entrance.map_or(0.0, |entrance| entrance.seconds);
     own.separation = separation.map_or(0.0, |found| found.seconds);
     let begin = observer.cpu_seconds();
     let support = match resolved.is_on(EffectName::SupportFigures) {
@@ -91,6 +93,12 @@ pub fn report(
     notes.extend(warnings::end(sim, inputs.held, &measures));
     notes.extend(warnings::cuts(inputs, sim));
     notes.extend(separation.and_then(warnings::separation));
+    notes.extend(
+        inputs
+            .entrance
+            .map(|found| entrance::warnings(&found.figures, params.entrance.plausibility))
+            .unwrap_or_default(),
+    );
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     let mut counts = counts::counts(inputs, sim, freed_steps);

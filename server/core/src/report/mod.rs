@@ -5,6 +5,7 @@ pub mod bake;
 pub mod clock;
 mod contacts;
 mod counts;
+mod entrance;
 mod glue;
 pub mod inputs;
 pub mod make;

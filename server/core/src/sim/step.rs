@@ -85,6 +85,8 @@ pub struct Simulation<'a> {
     /// Bodies that were not at rest in it.
     pub moving: usize,
     pub seconds: Seconds,
+    /// The observer does not see the frames: others take their place.
+    pub hides_frames: bool,
 }
 
 impl<'a> Simulation<'a> {
@@ -102,7 +104,18 @@ impl<'a> Simulation<'a> {
         pile.recorder.waits = settles_first;
         let show = FramePublisher::new(&params.output);
         let seconds = Seconds::default();
-        Ok(Simulation { pile, guard, events, show, depth, fallen: 0, top_speed: 0.0, moving: 0, seconds })
+        Ok(Simulation {
+            pile,
+            guard,
+            events,
+            show,
+            depth,
+            fallen: 0,
+            top_speed: 0.0,
+            moving: 0,
+            seconds,
+            hides_frames: false,
+        })
     }
 
     /// Frame 0 is now: what waited for it begins.
@@ -141,7 +154,7 @@ impl<'a> Simulation<'a> {
 
     /// Shows the frames that were recorded since.
     pub fn show(&mut self, observer: &mut dyn Observer, stage: Stage) {
-        if self.pile.recorder.waits {
+        if self.pile.recorder.waits || self.hides_frames {
             return;
         }
         self.show.run(&self.pile, observer, stage);

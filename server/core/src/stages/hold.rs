@@ -108,7 +108,8 @@ pub fn finish(sim: &mut Simulation, params: &Params, observer: &mut dyn Observer
         sim.pile.recorder.fit(n as usize);
         sim.show(observer, Stage::Hold);
     }
-    if params.output.trim {
+    // An entrance has frames of its own, up to the pile as it rests.
+    if params.output.trim && !sim.hides_frames {
         let first = sim.first_step();
         let Pile { recorder, world, latest_event, .. } = &mut sim.pile;
         recorder.trim(world, *latest_event - first);

@@ -3,6 +3,7 @@
 pub mod cache;
 pub mod calibrate;
 pub mod containers;
+pub mod entrance;
 pub mod fill;
 pub mod free_pour;
 pub mod free_standing;

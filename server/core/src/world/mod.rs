@@ -67,7 +67,7 @@ pub use contacts::{ComingHit, ContactPair, ContactPoint, PairSide, ReservedPlace
 pub use corrections::WorldCounters;
 pub use joints::nails::NailId;
 pub use manifold::SOLVED;
-pub use queries::FrictionExcess;
+pub use queries::{FrictionExcess, Obstacle};
 pub use scenery::WallId;
 pub use settings::PUSH_OUT_SPEED;
 pub use stepping::{DEEPEST, Energy, Snapshot};

@@ -1,7 +1,7 @@
 //! The chain of solvers, and the substitution that every verdict must pass.
 
 use super::projection::{Projection, StopRule};
-use super::scaled::{ScaledProblem, SolverOutcome, Tolerances};
+use super::scaled::{ScaledProblem, SolverOutcome, Tolerances, join, norm, subtract};
 use super::{LocalProblem, Options, ProblemError, STABLE_RESIDUAL, Solver, Verdict, interior_point, margin};
 use glam::DVec3;
 
@@ -82,6 +82,26 @@ impl Analyser {
             SolverOutcome::Stable { .. } => Some(margin::pushes(&self.scaled, &mut self.projection, ways, most)),
             SolverOutcome::Unstable(_) => None,
         })
+    }
+
+    /// What contact forces within their friction leave of a force and a torque about the center of mass that they are
+    /// to give, as a share of it; a torque counts as the force that causes it at the radius. The gravity of the problem
+    /// does not count. 0 for no force at all.
+    pub fn missing(&mut self, problem: &LocalProblem, force: DVec3, torque: DVec3) -> Result<f64, ProblemError> {
+        self.scaled.set(problem, Default::default())?;
+        let wanted = join(force, torque / problem.radius);
+        let length = norm(&wanted);
+        if !(length > 0.0 && length.is_finite()) {
+            return Ok(0.0);
+        }
+        let target = wanted.map(|value| value / length);
+        self.counters.fast_steps += u64::from(self.projection.run(&self.scaled, target));
+        self.projection.forces(self.scaled.len(), &mut self.forces);
+        let mut left = target;
+        for (contact, force) in self.scaled.contacts().iter().zip(&self.forces) {
+            subtract(&mut left, 1.0, &contact.wrench(*force));
+        }
+        Ok(norm(&left).min(1.0))
     }
 
     fn verdict(&mut self, outcome: SolverOutcome, options: &Options) -> Verdict<'_> {

@@ -31,6 +31,8 @@ pub enum Count {
     ControlCycles,
     CoreTriangles,
     DepenetrationSteps,
+    EntranceBodies,
+    EntranceBounces,
     FillBodySteps,
     FillPairSteps,
     FillSteps,

@@ -68,6 +68,7 @@ pub enum EffectName {
     Impact,
     Stand,
     Separation,
+    Entrance,
     Frames,
     Trim,
     ShapeFigures,
@@ -163,6 +164,7 @@ pub struct OwnSeconds {
     pub pictures: f64,
     pub visible: f64,
     pub separation: f64,
+    pub entrance: f64,
     pub support: f64,
     pub free_standing: f64,
 }

@@ -6,7 +6,7 @@ use super::Decision::{self, No, Useless, Yes};
 use super::ForcedBy::{self, By, ByValue, Never};
 use super::{Count, Count::*, EffectDefinition, EffectInputs, EffectName, EffectName::*, OwnSeconds};
 use crate::input::observer::Stage;
-use crate::input::params::{ControlMode, FrictionCone, FrictionModel, GlueMode};
+use crate::input::params::{ControlMode, EntranceKind, FrictionCone, FrictionModel, GlueMode};
 use crate::input::params::{ReleaseOrder, Switch};
 use crate::prepare::container;
 use crate::prepare::shape::ShapeKind;
@@ -215,11 +215,20 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         false => no(NOT_AT_THIS_ACCURACY),
     })
     .seconds(|spent| spent.separation),
+    row(Entrance, ByValue("entrance.kind"), &[EntranceBodies, EntranceBounces], |c| match c.params.entrance.kind {
+        EntranceKind::None => no("the frames show the release"),
+        _ if c.effects.frames == Switch::Off => no("switched off by effects.frames"),
+        EntranceKind::Rain => yes("bodies rain into their places: planned back from the finished pile"),
+        EntranceKind::Pour => yes("bodies pour into their places: planned back from the finished pile"),
+        EntranceKind::Throw => yes("bodies are thrown into their places: planned back from the finished pile"),
+    })
+    .seconds(|spent| spent.entrance),
     row(EffectName::Frames, By("effects.frames", |c| c.effects.frames), &[Count::Frames], |c| {
         yes(format!("{} per second; without them, the result is the final pose", c.params.output.fps))
     })
     .seconds(|spent| spent.frames),
     row(Trim, ByValue("output.trim"), &[FramesTrimmed], |c| match c.params.output.trim {
+        _ if c.params.entrance.kind != EntranceKind::None => no("an entrance ends with the pile at rest"),
         true => yes("the last frames are left out where nothing is to be seen"),
         false => no("the scene does not ask for it"),
     }),

@@ -6,6 +6,7 @@ mod pairs;
 mod reserved_places;
 
 pub use hits::ComingHit;
+pub(super) use pairs::points;
 pub use reserved_places::ReservedPlaces;
 
 use super::{BodyId, World, colliders::Owner};

@@ -4,8 +4,10 @@ use super::{ContactPair, ContactPoint, PairSide};
 use crate::world::manifold::{Manifolds, REPORTED};
 use crate::world::settings::PREDICTION;
 use crate::world::{BodyId, World};
+use rapier3d::math::Pose;
 use rapier3d::parry::bounding_volume::BoundingVolume;
 use rapier3d::parry::query::{ContactManifold, ContactManifoldsWorkspace, PersistentQueryDispatcher};
+use rapier3d::parry::shape::Shape;
 use rapier3d::prelude::{Collider, ColliderHandle};
 use rayon::prelude::*;
 
@@ -102,7 +104,8 @@ impl World {
         tolerance: f64,
     ) -> Option<ContactPair> {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
-        let points = points(first, second, tolerance * self.thinner(a, b));
+        let limit = tolerance * self.thinner(a, b);
+        let points = points((first.position(), first.shape()), (second.position(), second.shape()), limit);
         if points.is_empty() {
             return None;
         }
@@ -114,14 +117,16 @@ impl World {
     }
 }
 
-/// The points at which two colliders are no farther apart than `limit`, engine units.
-fn points(first: &Collider, second: &Collider, limit: f64) -> Vec<ContactPoint> {
-    let pos12 = first.position().inv_mul(second.position());
+/// A shape at its place.
+type Placed<'a> = (&'a Pose, &'a dyn Shape);
+
+/// The points at which two shapes are no farther apart than `limit`, engine units; normals into the first.
+pub(in crate::world) fn points((at1, first): Placed, (at2, second): Placed, limit: f64) -> Vec<ContactPoint> {
+    let pos12 = at1.inv_mul(at2);
     let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
     let mut workspace: Option<ContactManifoldsWorkspace> = None;
-    let (a, b) = (first.shape(), second.shape());
-    let found =
-        Manifolds { most: REPORTED }.contact_manifolds(&pos12, a, b, limit as f32, &mut manifolds, &mut workspace);
+    let dispatcher = Manifolds { most: REPORTED };
+    let found = dispatcher.contact_manifolds(&pos12, first, second, limit as f32, &mut manifolds, &mut workspace);
     let mut points = Vec::new();
     if found.is_err() {
         return points;
@@ -131,11 +136,11 @@ fn points(first: &Collider, second: &Collider, limit: f64) -> Vec<ContactPoint> 
             Some(_) => (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default()),
             None => Default::default(),
         };
-        let normal = -(first.position().rotation * (pos1.rotation * m.local_n1));
+        let normal = -(at1.rotation * (pos1.rotation * m.local_n1));
         for c in &m.points {
             let gap = c.dist as f64;
-            let p1 = first.position().transform_point(pos1.transform_point(c.local_p1));
-            let p2 = second.position().transform_point(pos2.transform_point(c.local_p2));
+            let p1 = at1.transform_point(pos1.transform_point(c.local_p1));
+            let p2 = at2.transform_point(pos2.transform_point(c.local_p2));
             let finite = p1.is_finite() && p2.is_finite() && normal.is_finite() && normal.length_squared() > 0.25;
             if gap <= limit && finite {
                 let point = (p1.as_dvec3() + p2.as_dvec3()) / 2.0;

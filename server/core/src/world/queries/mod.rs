@@ -5,5 +5,7 @@ mod energy;
 mod faults;
 mod friction;
 mod loads;
+mod passage;
 
 pub use friction::FrictionExcess;
+pub use passage::Obstacle;

@@ -1,0 +1,115 @@
+//! Ways in which a body may come, by kind: drawn by the seed, the most natural ones first.
+
+use super::path::{GRAVITY, Twist};
+use crate::geometry::pose::Pose;
+use crate::input::params::EntranceKind;
+use crate::world::BodyId;
+use glam::DVec3;
+use rand::RngExt;
+use rand_pcg::Pcg64Mcg;
+use std::f64::consts::TAU;
+
+/// Attempts of the kind's own, and of steeper and flatter directions after those.
+pub const OWN: usize = 10;
+pub const ATTEMPTS: usize = OWN + 24;
+/// The fastest spin, per characteristic time.
+const SPIN: f64 = 1.2;
+/// Speed at which a stream begins, d per characteristic time.
+const STREAM_SPEED: f64 = 3.0;
+/// How steeply bodies are thrown, radians.
+const FLATTEST: f64 = 0.9;
+const STEEPEST: f64 = 1.35;
+/// The fastest way in, in speeds of a fall from the height at which bodies appear.
+const FASTEST: f64 = 4.0;
+
+/// Where bodies come from. Engine units.
+pub struct Source {
+    pub kind: EntranceKind,
+    /// Height at which bodies appear that come from above.
+    pub top: f64,
+    /// How far directions differ, radians.
+    pub spread: f64,
+    /// Radius of a stream.
+    pub stream: f64,
+    /// Where each body comes from in a stream; shape `[body]`. Where all are thrown from: the only one.
+    pub places: Vec<DVec3>,
+}
+
+/// Velocities at the end, and how long it takes.
+pub type Sample = (Twist, f64);
+
+impl Source {
+    /// A way to a place. `attempt`: its number; `free`: directions that lead away from what is touched there.
+    pub fn sample(&self, id: BodyId, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Sample> {
+        let height = (self.top - end.translation.y).max(0.0);
+        let fall = (2.0 * height).sqrt();
+        let (azimuth, share, turn) = (TAU * rng.random::<f64>(), rng.random::<f64>(), direction(rng));
+        let spin = SPIN * rng.random_range(0.2..1.0) * turn;
+        if let Some(k) = attempt.checked_sub(OWN) {
+            // Along what is free, the steepest first, without a turn.
+            let way = *free.get(k)?;
+            let velocity = -(fall / way.y) * way;
+            let is_slow = velocity.length() <= FASTEST * fall;
+            return is_slow.then_some((Twist { velocity, spin: DVec3::ZERO }, fall));
+        }
+        let calm = 1.0 - attempt as f64 / (OWN - 1) as f64;
+        let spin = calm * spin;
+        match self.kind {
+            EntranceKind::None => None,
+            EntranceKind::Rain => {
+                let aside = fall * libm::tan(self.spread * share * calm);
+                let (sin, cos) = libm::sincos(azimuth);
+                let velocity = DVec3::new(aside * cos, -fall, aside * sin);
+                Some((Twist { velocity, spin }, fall))
+            }
+            EntranceKind::Pour => {
+                let (sin, cos) = libm::sincos(azimuth);
+                let from = *self.places.get(id)? + self.stream * share.sqrt() * DVec3::new(cos, 0.0, sin);
+                let down = STREAM_SPEED * rng.random_range(0.5..1.0);
+                let duration = (down * down + 2.0 * (from.y - end.translation.y).max(0.0)).sqrt() - down;
+                Some((Twist { velocity: arrival(from, end.translation, duration), spin }, duration))
+            }
+            EntranceKind::Throw => {
+                let from = *self.places.first()?;
+                let to = end.translation;
+                // Flatter at first, and steeper if that leads nowhere.
+                let rise = STEEPEST + (FLATTEST - STEEPEST) * calm * (1.0 - share * self.spread);
+                let level = DVec3::new(to.x - from.x, 0.0, to.z - from.z).length();
+                let duration = (2.0 * (level * libm::tan(rise) - (to.y - from.y))).max(0.0).sqrt();
+                let velocity = arrival(from, to, duration);
+                (duration > 0.0).then_some((Twist { velocity, spin }, duration))
+            }
+        }
+    }
+}
+
+/// A direction, evenly drawn.
+pub fn direction(rng: &mut Pcg64Mcg) -> DVec3 {
+    let (height, turn) = (rng.random_range(-1.0..1.0f64), TAU * rng.random::<f64>());
+    let (sin, cos) = libm::sincos(turn);
+    let out = (1.0 - height * height).max(0.0).sqrt();
+    DVec3::new(out * cos, height, out * sin)
+}
+
+/// Directions in which a body leaves what it touches by these normals, the freest and steepest first.
+pub fn free_directions(normals: &[DVec3]) -> Vec<DVec3> {
+    const COUNT: usize = 96;
+    let golden = TAU * 0.618_033_988_749_895;
+    let spiral = (0..COUNT).map(|k| {
+        let height = 1.0 - k as f64 / COUNT as f64;
+        let (sin, cos) = libm::sincos(golden * k as f64);
+        let out = (1.0 - height * height).max(0.0).sqrt();
+        DVec3::new(out * cos, height, out * sin)
+    });
+    let along = normals.iter().map(|normal| normal.normalize_or_zero());
+    let rate = |way: DVec3| normals.iter().map(|normal| normal.dot(way)).fold(0.0, f64::min);
+    let mut ways: Vec<(f64, DVec3)> = spiral.chain(along).map(|way| (4.0 * rate(way) + way.y, way)).collect();
+    ways.retain(|(_, way)| way.y * FASTEST > 1.0);
+    ways.sort_by(|a, b| b.0.total_cmp(&a.0));
+    ways.into_iter().map(|(_, way)| way).take(ATTEMPTS - OWN).collect()
+}
+
+/// Velocity at the end of a flight that takes this long from one place to another.
+fn arrival(from: DVec3, to: DVec3, duration: f64) -> DVec3 {
+    (to - from) / duration + 0.5 * duration * GRAVITY
+}
