@@ -46,8 +46,8 @@ def find(chosen):
 
 
 def runnable(program):
-    """The program that came with the add-on, or a copy of it. Unzipping may lose the permission to run it, and it may lie where
-    only an administrator can write."""
+    """The program that came with the add-on, or a copy of it. Unzipping may lose the permission to run it, and it may
+    lie where only an administrator can write."""
     if os.access(program, os.X_OK):
         return program
     about = program.stat()

@@ -3,12 +3,11 @@
 import os
 import sys
 
-import addon_utils
 import bpy
 
 preferences = bpy.context.preferences
 preferences.system.use_online_access = False
-addon_utils.enable("bl_ext.system.cairn", default_set=True)
+bpy.ops.preferences.addon_enable(module="bl_ext.system.cairn")
 assert "bl_ext.system.cairn" in preferences.addons, "it is not switched on"
 assert hasattr(bpy.types.Scene, "cairn"), "it is switched on, and is not there"
 print("works")

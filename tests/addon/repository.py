@@ -1,5 +1,5 @@
-"""repository.py ADDRESS OF_THE_OLD: installs the add-on from a repository, updates it, and goes back to the old version, as an
-artist does in Preferences, Get Extensions. A Blender of its own, with nothing of a user's.
+"""repository.py ADDRESS OF_THE_OLD: installs the add-on from a repository, updates it, and goes back to the old one,
+as an artist does in Preferences, Get Extensions. A Blender of its own, with nothing of a user's.
 
 Reads one line before it updates: whoever runs it publishes the next version then.
 """

@@ -1,4 +1,5 @@
-"""The add-on as a repository of its own, as `.ci/repository` lays it out: install, update, go back; and a studio's central folder."""
+"""The add-on in a repository of its own, as `.ci/repository` lays it out: install, update, go back; and a studio's
+central folder."""
 
 import functools
 import http.server
@@ -68,7 +69,9 @@ def test_install_update_and_go_back(tmp_path, address):
     web.mkdir()
     publish(web / "stable", "0.1.7")
     publish(web / "2026-01-31", "0.1.7")
-    blender = a_blender(tmp_path / "home", "repository.py", f"{address}/stable/index.json", f"{address}/2026-01-31/index.json")
+    blender = a_blender(
+        tmp_path / "home", "repository.py", f"{address}/stable/index.json", f"{address}/2026-01-31/index.json"
+    )
     told = []
     for line in blender.stdout:
         told.append(line.strip())

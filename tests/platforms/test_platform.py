@@ -101,7 +101,11 @@ def test_paths(folder, desk):
     assert (place / "pile.glb").read_bytes() == (desk / "own.glb").read_bytes()
     # As a scene file, whose paths are relative to it; and what it made is a scene, too.
     (place / "pile.toml").write_text(run(RUNS, ["scene", *inputs, *STICKS[4:]], place).stdout)
-    run(RUNS, ["bake", in_its_words(place / "pile.toml"), "--quiet", "--no-cache", "-o", in_its_words(place / "again.glb")], desk)
+    run(
+        RUNS,
+        ["bake", in_its_words(place / "pile.toml"), "--quiet", "--no-cache", "-o", in_its_words(place / "again.glb")],
+        desk,
+    )
     run(RUNS, ["verify", in_its_words(place / "again.glb")], desk)
 
 
