@@ -72,16 +72,16 @@ def test_install_update_and_go_back(tmp_path, address):
     blender = a_blender(
         tmp_path / "home", "repository.py", f"{address}/stable/index.json", f"{address}/2026-01-31/index.json"
     )
-    told = []
+    printed = []
     for line in blender.stdout:
-        told.append(line.strip())
+        printed.append(line.strip())
         if line.startswith("installed"):
             publish(web / "stable", "0.1.8")
             blender.stdin.write("\n")
             blender.stdin.flush()
-    assert blender.wait() == 0, "\n".join(told)
-    said = [line for line in told if line.startswith(("installed", "updated", "back"))]
-    assert said == ["installed 0.1.7", "updated 0.1.8", "back at 0.1.7"], "\n".join(told)
+    assert blender.wait() == 0, "\n".join(printed)
+    said = [line for line in printed if line.startswith(("installed", "updated", "back"))]
+    assert said == ["installed 0.1.7", "updated 0.1.8", "back at 0.1.7"], "\n".join(printed)
 
 
 def test_a_studio_has_it_once_for_all_and_nobody_can_write_there(tmp_path):
@@ -93,7 +93,7 @@ def test_a_studio_has_it_once_for_all_and_nobody_can_write_there(tmp_path):
     environment = {"BLENDER_SYSTEM_EXTENSIONS": str(tmp_path / "studio"), "PYTHONDONTWRITEBYTECODE": "1"}
     # Offline, as workstations of studios are.
     blender = a_blender(tmp_path / "home", "central.py", **environment)
-    told = blender.communicate()[0]
+    printed = blender.communicate()[0]
     shutil.rmtree(tmp_path / "home")
-    assert blender.returncode == 0 and "works" in told, told
+    assert blender.returncode == 0 and "works" in printed, printed
     assert {path.relative_to(place): path.stat().st_mtime_ns for path in place.rglob("*")} == before

@@ -30,8 +30,9 @@ fn reported(reports: &[Value], part: &str) -> BTreeSet<String> {
     reports.iter().flat_map(|report| report[part].as_object().unwrap().keys().cloned()).collect()
 }
 
-/// A pile with all optional measures, and a stack hit by a thrown body: together they have every measure.
-fn reports() -> [Value; 2] {
+/// A pile with all optional measures, a stack hit by a thrown body, and bodies that come in: together they have every
+/// measure.
+fn reports() -> [Value; 3] {
     let desk = Desk::new();
     desk.write(
         "stack.toml",
@@ -55,7 +56,8 @@ start_seconds = 0.5
     let pile = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12 \
                 --set output.free_standing=true --set output.free_pour=true --set glue.proof=on \
                 --set report.pictures=on";
-    [pile, "stack.toml --set report.pictures=on"].map(|args| {
+    let rain = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=4 --set entrance=rain";
+    [pile, "stack.toml --set report.pictures=on", rain].map(|args| {
         desk.line(&format!("bake {args} -o pile.json --report report.json --quiet")).ok();
         serde_json::from_slice(&std::fs::read(desk.path("report.json")).unwrap()).unwrap()
     })

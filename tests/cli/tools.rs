@@ -99,7 +99,10 @@ fn the_doctor_names_what_other_versions_left() {
     bake.args(["--accuracy", "draft", "--set", "fill.count=2", "--quiet"]).env_remove("CAIRN_NO_CACHE");
     assert!(bake.env("CAIRN_CACHE", &cache).status().unwrap().success());
     assert!(printed().starts_with("0 MiB in ") && !printed().contains("other versions"), "{}", printed());
-    cacache::write_sync(&cache, "bake 0123456789abcdef 01", vec![7; 3 << 20]).unwrap();
+    let entry = cacache::WriteOpts::new().size(3 << 20).open_sync(&cache, "bake 0123456789abcdef 01");
+    let mut entry = entry.unwrap();
+    std::io::Write::write_all(&mut entry, &vec![7; 3 << 20]).unwrap();
+    entry.commit().unwrap();
     assert!(printed().starts_with("3 MiB in ") && printed().contains("3 MiB of other versions"), "{}", printed());
 }
 

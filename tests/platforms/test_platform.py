@@ -54,8 +54,8 @@ def bytes_of(folder):
 
 
 def test_doctor(tmp_path):
-    told = json.loads(run(RUNS, ["doctor", "--json"], tmp_path).stdout)
-    assert told
+    printed = json.loads(run(RUNS, ["doctor", "--json"], tmp_path).stdout)
+    assert printed
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -82,9 +82,9 @@ def test_several_threads_give_the_same_bytes(desk):
 def test_bad_input_names_what_to_do(desk):
     (desk / "broken.glb").write_bytes(b"glTF\x02\0\0\0 and no more")
     wrong = ["--control", "broken.glb", "--prop", "nowhere.glb", "--prop", "stick.glb"]
-    told = run(RUNS, ["bake", *wrong, "-o", "pile.glb"], desk, code=65).stderr
-    assert "broken.glb" in told and "nowhere.glb" in told
-    assert told == run([OWN], ["bake", *wrong, "-o", "pile.glb"], desk, code=65).stderr
+    printed = run(RUNS, ["bake", *wrong, "-o", "pile.glb"], desk, code=65).stderr
+    assert "broken.glb" in printed and "nowhere.glb" in printed
+    assert printed == run([OWN], ["bake", *wrong, "-o", "pile.glb"], desk, code=65).stderr
     assert run(RUNS, ["bake", "--no-such-flag"], desk, code=2).stderr
     assert not (desk / "pile.glb").exists()
 
@@ -164,11 +164,11 @@ def test_a_killed_server_resumes(desk):
     time.sleep(4)
     server.process.kill()
     server.process.wait()
-    told = bake.communicate(timeout=TIMEOUT_S)[1]
-    found = re.search(r"cairn watch ([0-9a-f]+)", told)
+    printed = bake.communicate(timeout=TIMEOUT_S)[1]
+    found = re.search(r"cairn watch ([0-9a-f]+)", printed)
     server = Server(desk)
     if bake.returncode != 0:
-        assert found, told
+        assert found, printed
         run([OWN], ["watch", found[1], "--server", server.address, "-o", "far.glb"], desk)
     server.end()
     run([OWN], [*long, "--quiet", "--no-cache", "-o", "own.glb"], desk)
@@ -196,6 +196,6 @@ def small_disk(tmp_path):
 
 
 def test_a_full_disk_is_named(desk, small_disk):
-    told = run(RUNS, ["bake", *STICKS, "--quiet", "--no-cache", "-o", small_disk / "pile.glb"], desk, code=75).stderr
-    assert "pile.glb" in told
+    printed = run(RUNS, ["bake", *STICKS, "--quiet", "--no-cache", "-o", small_disk / "pile.glb"], desk, code=75).stderr
+    assert "pile.glb" in printed
     assert list(small_disk.iterdir()) == []

@@ -12,6 +12,7 @@ use cairn_core::stages::cache::{self, CachedFill, FillInputs};
 use etcetera::BaseStrategy;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -87,11 +88,19 @@ impl BakeCache {
         if bytes.len() > LARGEST {
             return;
         }
-        let written = failpoints::at("cache-write").is_ok() && cacache::write_sync(folder, key, &bytes).is_ok();
+        let written = failpoints::at("cache-write").is_ok() && write(folder, key, &bytes).is_ok();
         if written {
             trim(folder);
         }
     }
+}
+
+/// Writes an entry with its size, which the library's own `write_sync` leaves out: `trim` needs it.
+fn write(folder: &Path, key: &str, bytes: &[u8]) -> cacache::Result<()> {
+    let mut writer = cacache::WriteOpts::new().size(bytes.len()).open_sync(folder, key)?;
+    let failed = |error| cacache::Error::IoError(error, format!("writing the entry {key}"));
+    writer.write_all(bytes).map_err(failed)?;
+    writer.commit().map(drop)
 }
 
 /// Removes files that killed processes were writing.
