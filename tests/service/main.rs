@@ -13,6 +13,7 @@ mod damage;
 mod ends;
 mod faults;
 mod formats;
+mod kept;
 mod large;
 mod lists;
 mod load;
