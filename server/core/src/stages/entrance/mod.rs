@@ -100,9 +100,11 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     let (distance, spread) = (params.entrance.distance, params.entrance.spread.to_radians());
     let wishes = wishes(params.entrance.order, &places);
     let top = highest.fold(f64::NEG_INFINITY, f64::max) + distance;
-    let mut from = Vec::new();
+    let (mut from, mut speed) = (Vec::new(), 0.0);
     match params.entrance.kind {
-        EntranceKind::None | EntranceKind::Rain => {}
+        EntranceKind::None => {}
+        // As if they had fallen from as high again. Where all appear at rest, one is in the way of the next.
+        EntranceKind::Rain => speed = (2.0 * distance).sqrt(),
         EntranceKind::Pour => {
             from = vec![DVec3::ZERO; world.bodies().len()];
             let spouts = spouts(&wishes, &places, top);
@@ -111,7 +113,7 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
         EntranceKind::Throw => from.push(thrower(&places, distance)),
     }
     let stream = distance * libm::tan(spread);
-    let source = Source { kind: params.entrance.kind, top, spread, stream, places: from };
+    let source = Source { kind: params.entrance.kind, top, speed, spread, stream, places: from };
     let all = 0..world.bodies().len();
     let inertia = all.map(|id| if world.is_present(id) { inertia(id) } else { DMat3::IDENTITY }).collect();
     let search = Search { world, supports: &supports, source, inertia, seed: params.seed };
@@ -133,6 +135,16 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     let last = (end / interval - 1e-9).ceil().max(0.0) as usize;
     let held = held_impulse(&search, &comers, &lands, &comes);
     let momentum: f64 = comers.iter().map(|(_, arrival)| arrival.momentum).sum::<f64>().max(f64::MIN_POSITIVE);
+    if std::env::var("DBG").is_ok() {
+        let mut there: Vec<bool> = (0..world.bodies().len()).map(|id| !comes(id)).collect();
+        for (k, (id, a)) in comers.iter().enumerate() {
+            there[*id] = true;
+            let p = world.pose(*id).translation;
+            let n = supports.normals(*id, &|o| there[o]).count();
+            eprintln!("DBG {k} {id} at {:.2} {:.2} {:.2} guided {:.4} cut {:.3} bounce {} contacts {n} lands {:.2} mom {:.4} falls {:.2}", p.x, p.y, p.z, a.guided / momentum, a.passage.cut, a.path.flights.len(), lands[k], a.momentum / momentum,
+                supports.falls(*id, &|o| there[o], &mut Analyser::new()));
+        }
+    }
     let guided: f64 = comers.iter().map(|(_, arrival)| arrival.guided).sum();
     let cut = comers.iter().map(|(_, arrival)| arrival.passage.cut).fold(meeting, f64::max);
     let growth = comers.iter().map(|(id, arrival)| energy_growth(&search, *id, &arrival.path)).fold(0.0, f64::max);
@@ -242,6 +254,7 @@ fn held_impulse(search: &Search, comers: &[(BodyId, Arrival)], lands: &[f64], co
                 share => falling.insert(one, share),
             };
         }
+        if std::env::var("DBG").is_ok() { eprintln!("HELD {k} {:?}", falling); }
         let until = lands.get(k + 1).map_or(0.0, |next| next - lands[k]);
         held += until * falling.iter().map(|(&id, share)| share * search.world.bodies()[id].mass).sum::<f64>();
     }

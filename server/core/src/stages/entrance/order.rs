@@ -1,19 +1,22 @@
 //! The order in which bodies come, found backward: from the finished pile, bodies leave one by one, each on a way that
-//! is free, and without which no other falls.
+//! is free, and without which no other falls. Where one falls all the same, it leaves next: it is held for a short time.
 
-use super::search::{Arrival, Search};
+use super::search::{Arrival, GOOD, Search};
 use crate::error::Error;
 use crate::world::BodyId;
 use cairn_statics::local::Analyser;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// So many of the next bodies are looked at before the best of them is taken, although something is wrong with it.
 const LOOKED_AT: usize = 24;
+/// Ways in are looked for so many times for each body at most: each time when less is in the way.
+const MOST_SEARCHES: usize = 1000;
 /// Bodies looked at in one go. A constant: the same on any machine.
 const AT_ONCE: usize = 4;
 /// What a body that falls without the one that leaves counts, in shares of momentum; and a cut of a thickness.
-const FALL: f64 = 0.5;
-const CUT: f64 = 10.0;
+const FALL: f64 = 1.0;
+const CUT: f64 = 30.0;
 
 /// The bodies in the order in which they land, each with its way in. `wishes`: a number for each body that comes: they
 /// should land in the order of these. `going`: called with the share that is done.
@@ -31,56 +34,61 @@ pub fn plan(
     let mut is_left = vec![false; bodies];
     left.iter().for_each(|&id| is_left[id] = true);
     let mut known: Vec<Option<Option<Arrival>>> = vec![None; bodies];
+    let mut searches = vec![0; bodies];
     let mut carried: Vec<Option<bool>> = vec![None; bodies];
+    // Bodies that fall as soon as they are let go, since what carries them has left.
+    let mut fallen: BTreeSet<BodyId> = BTreeSet::new();
     let mut analyser = Analyser::new();
     let mut landed = Vec::with_capacity(count);
     while !left.is_empty() {
         going(landed.len() as f64 / count as f64)?;
-        let window = &left[..left.len().min(LOOKED_AT)];
-        let mut best: Option<(f64, usize)> = None;
+        let (first, others): (Vec<BodyId>, Vec<BodyId>) = left.iter().partition(|id| fallen.contains(id));
+        let window: Vec<BodyId> = first.into_iter().chain(others).take(LOOKED_AT).collect();
+        let mut best: Option<(f64, BodyId)> = None;
         'window: for chunk in (0..window.len()).collect::<Vec<_>>().chunks(AT_ONCE) {
             let unknown: Vec<BodyId> = chunk.iter().map(|&k| window[k]).filter(|&id| known[id].is_none()).collect();
             let is_there = |id: BodyId| is_left[id];
             let found: Vec<Option<Arrival>> =
                 unknown.par_iter().map(|&id| search.direct(id, &is_there, &mut Analyser::new())).collect();
-            unknown.into_iter().zip(found).for_each(|(id, found)| known[id] = Some(found));
-            for &place in chunk {
-                let id = window[place];
+            for (id, found) in unknown.into_iter().zip(found) {
+                known[id] = Some(found);
+                searches[id] += 1;
+            }
+            for id in chunk.iter().map(|&k| window[k]) {
                 let Some(Some(arrival)) = &known[id] else { continue };
                 let falls = falling(search, id, &is_left, &mut carried, &mut analyser);
-                if arrival.is_good() && falls == 0 {
-                    best = Some((0.0, place));
+                // What holds a body that has fallen is not spared by waiting.
+                let guided = if fallen.contains(&id) { 0.0 } else { arrival.guided / arrival.momentum };
+                let cut = if arrival.passage.is_clear() { 0.0 } else { arrival.passage.cut };
+                if cut == 0.0 && guided <= GOOD && falls == 0.0 {
+                    best = Some((0.0, id));
                     break 'window;
                 }
-                let cut = if arrival.passage.is_clear() { 0.0 } else { arrival.passage.cut };
-                let price = CUT * cut + arrival.guided / arrival.momentum + FALL * falls as f64;
+                let price = CUT * cut + guided + FALL * falls;
                 if best.is_none_or(|(least, _)| price < least) {
-                    best = Some((price, place));
+                    best = Some((price, id));
                 }
             }
         }
         // A body at the height at which bodies appear has no way in.
-        let Some((_, place)) = best else { break };
-        let id = left.remove(place);
+        let Some((_, id)) = best else { break };
+        left.retain(|&other| other != id);
+        fallen.remove(&id);
         is_left[id] = false;
         let Some(Some(arrival)) = known[id].take() else { break };
         for other in search.supports.neighbours(id).into_iter().filter(|&other| is_left[other]) {
             carried[other] = None;
+            if search.supports.falls(other, &|id| is_left[id], &mut analyser) > 0.0 {
+                fallen.insert(other);
+            }
             // A free way stays free; another one is needed where less stops the body.
             if let Some(Some(found)) = &mut known[other] {
                 search.weighed(other, &|id| is_left[id], found, &mut analyser);
             }
-            if !known[other].as_ref().is_some_and(|found| found.as_ref().is_some_and(Arrival::is_good)) {
-                known[other] = None;
-            }
+            forget(&mut known[other], searches[other], |_| true);
         }
         for &other in &left {
-            let is_blocked =
-                |found: &Option<Arrival>| found.as_ref().is_some_and(|f| f.passage.blockers.binary_search(&id).is_ok());
-            let is_good = known[other].as_ref().is_some_and(|found| found.as_ref().is_some_and(Arrival::is_good));
-            if !is_good && known[other].as_ref().is_some_and(is_blocked) {
-                known[other] = None;
-            }
+            forget(&mut known[other], searches[other], |found| found.passage.blockers.binary_search(&id).is_ok());
         }
         landed.push((id, arrival));
     }
@@ -88,15 +96,23 @@ pub fn plan(
     Ok(landed)
 }
 
-/// The number of bodies that are carried now, and fall without this one.
+/// A way in that is not good is looked for again, where a better one may be there now.
+fn forget(known: &mut Option<Option<Arrival>>, searches: usize, may_be_better: impl Fn(&Arrival) -> bool) {
+    let Some(Some(found)) = known else { return };
+    if searches < MOST_SEARCHES && !found.is_good() && may_be_better(found) {
+        *known = None;
+    }
+}
+
+/// What falls without this body, of what is carried now: shares of the bodies' weights, summed.
 fn falling(
     search: &Search,
     without: BodyId,
     is_left: &[bool],
     carried: &mut [Option<bool>],
     analyser: &mut Analyser,
-) -> usize {
-    let mut falls = 0;
+) -> f64 {
+    let mut falls = 0.0;
     for other in search.supports.neighbours(without).into_iter().filter(|&other| is_left[other]) {
         let is_carried = match carried[other] {
             Some(known) => known,
@@ -104,7 +120,9 @@ fn falling(
         };
         carried[other] = Some(is_carried);
         let stays = |id: BodyId| is_left[id] && id != without;
-        falls += usize::from(is_carried && search.supports.falls(other, &stays, analyser) > 0.0);
+        if is_carried {
+            falls += search.supports.falls(other, &stays, analyser);
+        }
     }
     falls
 }

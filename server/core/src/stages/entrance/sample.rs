@@ -27,6 +27,8 @@ pub struct Source {
     pub kind: EntranceKind,
     /// Height at which bodies appear that come from above.
     pub top: f64,
+    /// Speed at which they appear there, downward.
+    pub speed: f64,
     /// How far directions differ, radians.
     pub spread: f64,
     /// Radius of a stream.
@@ -42,7 +44,8 @@ impl Source {
     /// A way to a place. `attempt`: its number; `free`: directions that lead away from what is touched there.
     pub fn sample(&self, id: BodyId, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Sample> {
         let height = (self.top - end.translation.y).max(0.0);
-        let fall = (2.0 * height).sqrt();
+        let fall = (self.speed * self.speed + 2.0 * height).sqrt();
+        let duration = fall - self.speed;
         let (azimuth, share, turn) = (TAU * rng.random::<f64>(), rng.random::<f64>(), direction(rng));
         let spin = SPIN * rng.random_range(0.2..1.0) * turn;
         if let Some(k) = attempt.checked_sub(OWN) {
@@ -50,7 +53,7 @@ impl Source {
             let way = *free.get(k)?;
             let velocity = -(fall / way.y) * way;
             let is_slow = velocity.length() <= FASTEST * fall;
-            return is_slow.then_some((Twist { velocity, spin: DVec3::ZERO }, fall));
+            return is_slow.then_some((Twist { velocity, spin: DVec3::ZERO }, duration));
         }
         let calm = 1.0 - attempt as f64 / (OWN - 1) as f64;
         let spin = calm * spin;
@@ -60,7 +63,7 @@ impl Source {
                 let aside = fall * libm::tan(self.spread * share * calm);
                 let (sin, cos) = libm::sincos(azimuth);
                 let velocity = DVec3::new(aside * cos, -fall, aside * sin);
-                Some((Twist { velocity, spin }, fall))
+                Some((Twist { velocity, spin }, duration))
             }
             EntranceKind::Pour => {
                 let (sin, cos) = libm::sincos(azimuth);

@@ -13,7 +13,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
 /// A way in is good enough if contacts give all but this share of the momentum brought in.
-const GOOD: f64 = 0.005;
+pub const GOOD: f64 = 0.005;
 /// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
 /// velocity, and per characteristic time.
 const REFINED: usize = 40;
