@@ -10,8 +10,6 @@ use std::collections::BTreeSet;
 
 /// So many of the next bodies are looked at before the best of them is taken, although something is wrong with it.
 const LOOKED_AT: usize = 24;
-/// Ways in are looked for so many times for each body at most: each time when less is in the way.
-const MOST_SEARCHES: usize = 1000;
 /// Bodies looked at in one go. A constant: the same on any machine.
 const AT_ONCE: usize = 4;
 /// What a body that falls without the one that leaves counts, in shares of momentum; and a cut of a thickness.
@@ -34,7 +32,6 @@ pub fn plan(
     let mut is_left = vec![false; bodies];
     left.iter().for_each(|&id| is_left[id] = true);
     let mut known: Vec<Option<Option<Arrival>>> = vec![None; bodies];
-    let mut searches = vec![0; bodies];
     let mut carried: Vec<Option<bool>> = vec![None; bodies];
     // Bodies that fall as soon as they are let go, since what carries them has left.
     let mut fallen: BTreeSet<BodyId> = BTreeSet::new();
@@ -50,10 +47,7 @@ pub fn plan(
             let is_there = |id: BodyId| is_left[id];
             let found: Vec<Option<Arrival>> =
                 unknown.par_iter().map(|&id| search.direct(id, &is_there, &mut Analyser::new())).collect();
-            for (id, found) in unknown.into_iter().zip(found) {
-                known[id] = Some(found);
-                searches[id] += 1;
-            }
+            unknown.into_iter().zip(found).for_each(|(id, found)| known[id] = Some(found));
             for id in chunk.iter().map(|&k| window[k]) {
                 let Some(Some(arrival)) = &known[id] else { continue };
                 let falls = falling(search, id, &is_left, &mut carried, &mut analyser);
@@ -85,10 +79,10 @@ pub fn plan(
             if let Some(Some(found)) = &mut known[other] {
                 search.weighed(other, &|id| is_left[id], found, &mut analyser);
             }
-            forget(&mut known[other], searches[other], |_| true);
+            forget(&mut known[other], |_| true);
         }
         for &other in &left {
-            forget(&mut known[other], searches[other], |found| found.passage.blockers.binary_search(&id).is_ok());
+            forget(&mut known[other], |found| found.passage.blockers.binary_search(&id).is_ok());
         }
         landed.push((id, arrival));
     }
@@ -97,9 +91,9 @@ pub fn plan(
 }
 
 /// A way in that is not good is looked for again, where a better one may be there now.
-fn forget(known: &mut Option<Option<Arrival>>, searches: usize, may_be_better: impl Fn(&Arrival) -> bool) {
+fn forget(known: &mut Option<Option<Arrival>>, may_be_better: impl Fn(&Arrival) -> bool) {
     let Some(Some(found)) = known else { return };
-    if searches < MOST_SEARCHES && !found.is_good() && may_be_better(found) {
+    if !found.is_good() && may_be_better(found) {
         *known = None;
     }
 }

@@ -16,7 +16,7 @@ use rand_pcg::Pcg64Mcg;
 pub const GOOD: f64 = 0.005;
 /// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
 /// velocity, and per characteristic time.
-const REFINED: usize = 40;
+const REFINED: usize = 150;
 /// A way that cuts by more thicknesses is not followed any further.
 const DEEPEST: f64 = 0.5;
 const NEAR: f64 = 0.2;

@@ -73,8 +73,8 @@ impl<'a> Walk<'a> {
     }
 
     /// At a time before the end: the deepest cut, in the thickness of the thinner one, what is cut by more than is
-    /// allowed, and how long nothing else can be reached.
-    fn look(&self, before: f64) -> (f64, Vec<PairSide>, f64) {
+    /// allowed, and how long nothing else can be reached. Ends at the first cut beyond `most`.
+    fn look(&self, before: f64, most: f64) -> (f64, Vec<PairSide>, f64) {
         let pose = self.path.pose(before);
         let speed = self.path.velocity(before).length() + self.turning + LONGEST;
         let (mut free, mut deepest, mut met) = (LONGEST * speed, 0.0f64, Vec::new());
@@ -84,7 +84,7 @@ impl<'a> Walk<'a> {
                 free = free.min(apart);
                 continue;
             }
-            let Some(gap) = self.world.gap_at(self.id, &pose, obstacle, REACH) else {
+            let Some(gap) = self.world.gap_at(self.id, &pose, obstacle, free.min(REACH)) else {
                 free = free.min(REACH);
                 continue;
             };
@@ -92,6 +92,9 @@ impl<'a> Walk<'a> {
             deepest = deepest.max(cut);
             if cut > ALLOWED {
                 met.push(obstacle.side);
+            }
+            if cut > most {
+                break;
             }
             free = free.min(gap.max(self.shortest * thickness));
         }
@@ -102,7 +105,7 @@ impl<'a> Walk<'a> {
     fn pass(&self, most: f64) -> Passage {
         let (mut passage, mut before, duration) = (Passage::default(), 0.0, self.path.duration());
         for _ in 0..MOST_STEPS {
-            let (cut, met, free) = self.look(before);
+            let (cut, met, free) = self.look(before, most);
             passage.cut = passage.cut.max(cut);
             passage.blockers.extend(met.into_iter().filter_map(|side| match side {
                 PairSide::Body(other) => Some(other),
@@ -136,12 +139,12 @@ pub fn first_cut(world: &World, id: BodyId, path: &Path, is_there: &dyn Fn(BodyI
     let walk = Walk::new(world, id, path, is_there);
     let (mut before, mut clear) = (0.0, 0.0);
     for _ in 0..MOST_STEPS {
-        let (cut, _, free) = walk.look(before);
+        let (cut, _, free) = walk.look(before, ALLOWED / 2.0);
         if cut > ALLOWED / 2.0 {
             let mut cuts = before;
             for _ in 0..HALVINGS {
                 let middle = (clear + cuts) / 2.0;
-                if walk.look(middle).0 > ALLOWED / 2.0 { cuts = middle } else { clear = middle }
+                if walk.look(middle, ALLOWED / 2.0).0 > ALLOWED / 2.0 { cuts = middle } else { clear = middle }
             }
             return Some(clear);
         }

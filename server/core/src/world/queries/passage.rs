@@ -8,6 +8,10 @@ use rapier3d::parry::bounding_volume::Aabb;
 use rapier3d::parry::query;
 use rapier3d::parry::shape::Shape;
 use rapier3d::prelude::{Collider, ColliderHandle, SharedShape, Vector};
+use smallvec::SmallVec;
+
+/// As many parts as most shapes have; not on the heap.
+type Few<T> = SmallVec<[T; 16]>;
 
 /// Something that a planned motion may meet, where it is in the world.
 #[derive(Clone, Copy, Debug)]
@@ -77,10 +81,61 @@ impl World {
         let gap = match other.shape().as_halfspace() {
             // The library takes the pose for its inverse where a plane comes second.
             Some(plane) => lowest(own.shape(), &place.inv_mul(&at), plane.normal),
-            None => query::contact(&at, own.shape(), place, other.shape(), reach as f32).ok()??.dist,
+            None => gap_of_parts((&at, own.shape()), (place, other.shape()), reach as f32)?,
         };
         Some(f64::from(gap)).filter(|gap| gap.is_finite() && *gap <= reach)
     }
+}
+
+/// A convex part of a shape in the world, or the whole shape, with a ball around it.
+struct Part<'a> {
+    pose: rapier3d::math::Pose,
+    shape: &'a dyn Shape,
+    center: Vector,
+    radius: f32,
+}
+
+fn parts<'a>(pose: &rapier3d::math::Pose, shape: &'a dyn Shape) -> Few<Part<'a>> {
+    let part = |at: rapier3d::math::Pose, shape: &'a dyn Shape, local: &Aabb| {
+        let center = *pose * local.center();
+        Part { pose: at, shape, center, radius: local.half_extents().length() }
+    };
+    match shape.as_compound() {
+        Some(compound) => {
+            let parts = compound.shapes().iter().zip(compound.aabbs());
+            parts.map(|((at, shape), local)| part(*pose * *at, &**shape, local)).collect()
+        }
+        None => std::iter::once(part(*pose, shape, &shape.compute_local_aabb())).collect(),
+    }
+}
+
+/// Distance between two shapes; negative: the depth. `None`: beyond `reach`. Of parts, the nearest ones come first, and
+/// those that are farther than what is found are not looked at.
+fn gap_of_parts(
+    first: (&rapier3d::math::Pose, &dyn Shape),
+    second: (&rapier3d::math::Pose, &dyn Shape),
+    reach: f32,
+) -> Option<f32> {
+    let (own, others) = (parts(first.0, first.1), parts(second.0, second.1));
+    let least = |(i, j): (usize, usize)| {
+        let (a, b) = (&own[i], &others[j]);
+        (a.center.distance(b.center) - a.radius - b.radius, i, j)
+    };
+    let all = (0..own.len()).flat_map(|i| (0..others.len()).map(move |j| (i, j)));
+    let mut pairs: Few<(f32, usize, usize)> = all.map(least).filter(|(gap, ..)| *gap <= reach).collect();
+    pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut found: Option<f32> = None;
+    for (least, i, j) in pairs {
+        let most = found.unwrap_or(reach);
+        if least >= most && found.is_some() {
+            break;
+        }
+        let (a, b) = (&own[i], &others[j]);
+        if let Ok(Some(contact)) = query::contact(&a.pose, a.shape, &b.pose, b.shape, most.max(0.0)) {
+            found = Some(found.map_or(contact.dist, |found| found.min(contact.dist)));
+        }
+    }
+    found
 }
 
 /// The least height of a shape at a pose over the plane through the origin with this normal.
