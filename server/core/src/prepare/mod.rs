@@ -11,5 +11,6 @@ pub mod inside;
 pub mod packing;
 pub mod plan;
 pub mod shape;
+pub(crate) mod stable_pose;
 pub mod surroundings;
 pub mod units;

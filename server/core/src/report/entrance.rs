@@ -1,6 +1,7 @@
 //! Figures of how the bodies come in, and warnings about it.
 
 use super::inputs::NamedFigures;
+use crate::input::params;
 use crate::stages::entrance::{Entrance, EntranceFigures};
 use std::collections::BTreeMap;
 
@@ -21,8 +22,9 @@ pub fn figures(entrance: &Entrance) -> NamedFigures {
     ])
 }
 
-/// Warnings where the motion is guided by more than is `allowed`, or cuts.
-pub fn warnings(found: &EntranceFigures, allowed: f64) -> Vec<String> {
+/// Warnings where the motion is guided by more than is asked for, or cuts.
+pub fn warnings(found: &EntranceFigures, asked: &params::Entrance) -> Vec<String> {
+    let allowed = if asked.kind == params::EntranceKind::Assemble { f64::INFINITY } else { asked.plausibility };
     let (guided, cut) = (100.0 * found.guided_impulse, 100.0 * found.cut_max);
     let mut warnings = Vec::new();
     if found.guided_impulse > allowed {
@@ -44,10 +46,12 @@ pub fn warnings(found: &EntranceFigures, allowed: f64) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::input::params::{Accuracy, Params};
     use crate::testing::says_only;
 
     #[test]
     fn each_warning_about_an_entrance_has_its_cause() {
+        let asked = Params::new(Accuracy::Standard).entrance;
         let free = EntranceFigures { guided_impulse: 0.01, cut_max: 0.01, ..EntranceFigures::default() };
         for (case, found, words) in [
             ("when all is well", free, &[] as &[&str]),
@@ -64,7 +68,7 @@ mod tests {
                      way was found; use a larger entrance.spread or entrance.duration"],
             ),
         ] {
-            says_only(case, &warnings(&found, 0.02), words);
+            says_only(case, &warnings(&found, &asked), words);
         }
     }
 }

@@ -96,7 +96,7 @@ pub fn report(
     notes.extend(
         inputs
             .entrance
-            .map(|found| entrance::warnings(&found.figures, params.entrance.plausibility))
+            .map(|found| entrance::warnings(&found.figures, &params.entrance))
             .unwrap_or_default(),
     );
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);

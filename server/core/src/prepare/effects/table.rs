@@ -221,6 +221,7 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         EntranceKind::Rain => yes("bodies rain into their places: planned back from the finished pile"),
         EntranceKind::Pour => yes("bodies pour into their places: planned back from the finished pile"),
         EntranceKind::Throw => yes("bodies are thrown into their places: planned back from the finished pile"),
+        EntranceKind::Assemble => yes("bodies leap into their places: planned back from the finished pile"),
     })
     .seconds(|spent| spent.entrance),
     row(EffectName::Frames, By("effects.frames", |c| c.effects.frames), &[Count::Frames], |c| {

@@ -14,6 +14,7 @@
 //! Nothing is simulated. The pile is the one that the bake delivers without an entrance, and stands while others land.
 
 mod landing;
+mod lying;
 mod order;
 mod path;
 mod sample;
@@ -100,7 +101,8 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     let (distance, spread) = (params.entrance.distance, params.entrance.spread.to_radians());
     let wishes = wishes(params.entrance.order, &places);
     let top = highest.fold(f64::NEG_INFINITY, f64::max) + distance;
-    let (mut from, mut speed) = (Vec::new(), 0.0);
+    let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
+    let (mut from, mut speed, mut starts) = (Vec::new(), 0.0, Vec::new());
     match params.entrance.kind {
         EntranceKind::None => {}
         // As if they had fallen from as high again. Where all appear at rest, one is in the way of the next.
@@ -111,9 +113,10 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
             ids.iter().zip(spouts).for_each(|(&id, spout)| from[id] = spout);
         }
         EntranceKind::Throw => from.push(thrower(&places, distance)),
+        EntranceKind::Assemble => starts = lying::places(pile, &ids, distance, &mut rng),
     }
     let stream = distance * libm::tan(spread);
-    let source = Source { kind: params.entrance.kind, top, speed, spread, stream, places: from };
+    let source = Source { kind: params.entrance.kind, top, speed, spread, stream, places: from, starts };
     let all = 0..world.bodies().len();
     let inertia = all.map(|id| if world.is_present(id) { inertia(id) } else { DMat3::IDENTITY }).collect();
     let search = Search { world, supports: &supports, source, inertia, seed: params.seed };
@@ -126,26 +129,20 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     let wishes: Vec<(f64, BodyId)> = wishes.into_iter().zip(ids).collect();
     let mut comers = order::plan(&search, &wishes, &mut going)?;
     let bounces = bounce(&search, &mut comers, &comes);
-    let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
     let [start, duration] = [params.entrance.start, params.entrance.duration].map(|s| s / world.units.time);
-    let (lands, meeting) = timing::landings(world, &comers, start, duration, &mut rng);
+    let (lands, mut meeting) = timing::landings(world, &comers, start, duration, &mut rng);
     let interval = 1.0 / params.output.fps / world.units.time;
     let end = lands.last().copied().unwrap_or(0.0);
     // A frame at the landing belongs to it, whatever the rounding.
     let last = (end / interval - 1e-9).ceil().max(0.0) as usize;
     let held = held_impulse(&search, &comers, &lands, &comes);
     let momentum: f64 = comers.iter().map(|(_, arrival)| arrival.momentum).sum::<f64>().max(f64::MIN_POSITIVE);
-    if std::env::var("DBG").is_ok() {
-        let mut there: Vec<bool> = (0..world.bodies().len()).map(|id| !comes(id)).collect();
-        for (k, (id, a)) in comers.iter().enumerate() {
-            there[*id] = true;
-            let p = world.pose(*id).translation;
-            let n = supports.normals(*id, &|o| there[o]).count();
-            eprintln!("DBG {k} {id} at {:.2} {:.2} {:.2} guided {:.4} cut {:.3} bounce {} contacts {n} lands {:.2} mom {:.4} falls {:.2}", p.x, p.y, p.z, a.guided / momentum, a.passage.cut, a.path.flights.len(), lands[k], a.momentum / momentum,
-                supports.falls(*id, &|o| there[o], &mut Analyser::new()));
-        }
+    let guided = comers.iter().map(|(id, arrival)| arrival.guided + search.leap_momentum(*id, arrival)).sum::<f64>();
+    let lie_about = !search.source.starts.is_empty();
+    if lie_about {
+        let flights = comers.iter().zip(&lands).map(|((id, arrival), &lands)| (*id, &arrival.path, lands));
+        meeting = lying::cut(world, &flights.collect::<Vec<_>>(), &search.source.starts).max(meeting);
     }
-    let guided: f64 = comers.iter().map(|(_, arrival)| arrival.guided).sum();
     let cut = comers.iter().map(|(_, arrival)| arrival.passage.cut).fold(meeting, f64::max);
     let growth = comers.iter().map(|(id, arrival)| energy_growth(&search, *id, &arrival.path)).fold(0.0, f64::max);
     let figures = EntranceFigures {
@@ -160,7 +157,7 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     };
     let comer = |((id, arrival), lands): ((BodyId, Arrival), f64)| {
         let appears = (lands - arrival.path.duration()) / interval;
-        let first_frame = ((appears - 1e-9).ceil().max(0.0) as usize).min(last);
+        let first_frame = if lie_about { 0 } else { ((appears - 1e-9).ceil().max(0.0) as usize).min(last) };
         Comer { id, path: arrival.path, lands, first_frame }
     };
     let comers = comers.into_iter().zip(lands).map(comer).collect();
@@ -254,7 +251,6 @@ fn held_impulse(search: &Search, comers: &[(BodyId, Arrival)], lands: &[f64], co
                 share => falling.insert(one, share),
             };
         }
-        if std::env::var("DBG").is_ok() { eprintln!("HELD {k} {:?}", falling); }
         let until = lands.get(k + 1).map_or(0.0, |next| next - lands[k]);
         held += until * falling.iter().map(|(&id, share)| share * search.world.bodies()[id].mass).sum::<f64>();
     }
@@ -320,6 +316,9 @@ impl Entrance {
                 let times = [number - 1, number, number + 1].map(|k| comer.lands - k as f64 * self.interval);
                 if times[2] <= 0.0 {
                     break;
+                }
+                if times[0] > comer.path.duration() {
+                    continue;
                 }
                 let [first, middle, last] = times.map(|before| (comer.path.at(before).0, comer.path.pose(before)));
                 if first.0 != last.0 {

@@ -40,6 +40,17 @@ impl Flight {
         Flight { end, twist, duration, turns, momentum }
     }
 
+    /// From a pose to another, with an even turn between the two: something other than contacts makes it turn.
+    pub fn between(start: &Pose, end: Pose, duration: f64) -> Flight {
+        let near = if start.rotation.dot(end.rotation) < 0.0 { -start.rotation } else { start.rotation };
+        let spin = (end.rotation * near.inverse()).to_scaled_axis() / duration;
+        let velocity = (end.translation - start.translation) / duration + 0.5 * duration * GRAVITY;
+        let count = (duration / TURN_STEP).ceil() as usize + 1;
+        let turn = |k: usize| end.rotation.slerp(near, (k as f64 * TURN_STEP / duration).min(1.0)).normalize();
+        let turns = (0..=count).map(turn).collect();
+        Flight { end, twist: Twist { velocity, spin }, duration, turns, momentum: DVec3::ZERO }
+    }
+
     /// The pose at a time before the end.
     pub fn pose(&self, before: f64) -> Pose {
         if before <= 0.0 {
@@ -123,10 +134,10 @@ impl Path {
         (0, before)
     }
 
-    /// The pose at a time before the end.
+    /// The pose at a time before the end; before its beginning, the one there.
     pub fn pose(&self, before: f64) -> Pose {
         let (number, before) = self.at(before);
-        self.flights[number].pose(before)
+        self.flights[number].pose(before.min(self.flights[number].duration))
     }
 
     /// Velocity of the center of mass at a time before the end.

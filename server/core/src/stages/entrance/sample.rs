@@ -19,6 +19,9 @@ const STREAM_SPEED: f64 = 3.0;
 /// How steeply bodies are thrown, radians.
 const FLATTEST: f64 = 0.9;
 const STEEPEST: f64 = 1.35;
+/// How high a leap is above where it begins and ends, in its length: at first, and more with each attempt.
+const LEAP: f64 = 0.45;
+const LEAP_STEP: f64 = 0.1;
 /// The fastest way in, in speeds of a fall from the height at which bodies appear.
 const FASTEST: f64 = 4.0;
 
@@ -35,6 +38,8 @@ pub struct Source {
     pub stream: f64,
     /// Where each body comes from in a stream; shape `[body]`. Where all are thrown from: the only one.
     pub places: Vec<DVec3>,
+    /// Where each lies before it leaps; shape `[body]`. Empty where bodies appear in flight.
+    pub starts: Vec<Pose>,
 }
 
 /// Velocities at the end, and how long it takes.
@@ -58,7 +63,7 @@ impl Source {
         let calm = 1.0 - attempt as f64 / (OWN - 1) as f64;
         let spin = calm * spin;
         match self.kind {
-            EntranceKind::None => None,
+            EntranceKind::None | EntranceKind::Assemble => None,
             EntranceKind::Rain => {
                 let aside = fall * libm::tan(self.spread * share * calm);
                 let (sin, cos) = libm::sincos(azimuth);
@@ -84,6 +89,13 @@ impl Source {
             }
         }
     }
+}
+
+/// How long a leap takes: steeper with each attempt, so that what it reaches is reached from above.
+pub fn leap(start: DVec3, end: DVec3, attempt: usize, rng: &mut Pcg64Mcg) -> f64 {
+    let level = DVec3::new(end.x - start.x, 0.0, end.z - start.z).length();
+    let top = start.y.max(end.y) + level * (LEAP + LEAP_STEP * (attempt as f64 + rng.random::<f64>()));
+    (2.0 * (top - start.y)).sqrt() + (2.0 * (top - end.y)).sqrt()
 }
 
 /// A direction, evenly drawn.

@@ -1,8 +1,8 @@
 //! The search for the motion of one body: among samples, the one that cuts nothing and needs the least guiding.
 
 use super::landing::Supports;
-use super::path::{Flight, Path, Twist};
-use super::sample::{ATTEMPTS, Source, direction, free_directions};
+use super::path::{Flight, GRAVITY, Path, Twist};
+use super::sample::{ATTEMPTS, OWN, Source, direction, free_directions, leap};
 use super::sweep::{self, Passage};
 use crate::geometry::contact::REAL_CONTACT;
 use crate::geometry::pose::Pose;
@@ -55,14 +55,6 @@ impl Arrival {
     }
 }
 
-/// A way in that is a little other than a flight.
-fn near(flight: &Flight, rng: &mut Pcg64Mcg) -> (Twist, f64) {
-    let Twist { velocity, spin } = flight.twist;
-    let aside = direction(rng) * NEAR * velocity.length() * rng.random::<f64>();
-    let velocity = velocity + DVec3::new(aside.x, 0.0, aside.z);
-    (Twist { velocity, spin: spin + NEAR_SPIN * rng.random::<f64>() * direction(rng) }, flight.duration)
-}
-
 /// What the search looks at.
 pub struct Search<'a> {
     pub world: &'a World,
@@ -92,6 +84,40 @@ impl Search<'_> {
         (force.length_squared() + (moment / radius).length_squared()).sqrt()
     }
 
+    /// The way in with this number.
+    fn flight(&self, id: BodyId, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Flight> {
+        if let Some(start) = self.source.starts.get(id) {
+            return (attempt < OWN).then(|| Flight::between(start, *end, leap(start.translation, end.translation, attempt, rng)));
+        }
+        let (twist, duration) = self.source.sample(id, end, attempt, free, rng)?;
+        Some(Flight::new(*end, twist, duration, &self.inertia[id]))
+    }
+
+    /// A way in that is a little other than this one.
+    fn near(&self, id: BodyId, flight: &Flight, rng: &mut Pcg64Mcg) -> Flight {
+        if let Some(start) = self.source.starts.get(id) {
+            let longest = leap(start.translation, flight.end.translation, OWN, rng);
+            let duration = flight.duration * (1.0 + NEAR * rng.random_range(-1.0..1.0));
+            return Flight::between(start, flight.end, duration.min(longest));
+        }
+        let Twist { velocity, spin } = flight.twist;
+        let aside = direction(rng) * NEAR * velocity.length() * rng.random::<f64>();
+        let velocity = velocity + DVec3::new(aside.x, 0.0, aside.z);
+        let twist = Twist { velocity, spin: spin + NEAR_SPIN * rng.random::<f64>() * direction(rng) };
+        Flight::new(flight.end, twist, flight.duration, &self.inertia[id])
+    }
+
+    /// The momentum with which a body leaps; 0 where it appears in flight.
+    pub fn leap_momentum(&self, id: BodyId, arrival: &Arrival) -> f64 {
+        if self.source.starts.is_empty() {
+            return 0.0;
+        }
+        let flight = &arrival.path.flights[0];
+        let (mass, _, inertia) = self.body(id, &flight.end);
+        let velocity = flight.twist.velocity - flight.duration * GRAVITY;
+        self.size(id, mass * velocity, inertia * flight.twist.spin)
+    }
+
     /// The best way in for a body, past what `is_there`.
     pub fn direct(&self, id: BodyId, is_there: &dyn Fn(BodyId) -> bool, analyser: &mut Analyser) -> Option<Arrival> {
         let end = self.world.pose(id);
@@ -101,8 +127,8 @@ impl Search<'_> {
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
-            let sample = self.source.sample(id, &end, attempt, &free, &mut rng);
-            let Some((twist, duration)) = sample else { continue };
+            let Some(flight) = self.flight(id, &end, attempt, &free, &mut rng) else { continue };
+            let twist = flight.twist;
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
             let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
@@ -110,7 +136,7 @@ impl Search<'_> {
             if best.as_ref().is_some_and(is_worse) {
                 continue;
             }
-            let path = Path { flights: vec![Flight::new(end, twist, duration, &self.inertia[id])] };
+            let path = Path { flights: vec![flight] };
             let most = best.as_ref().map_or(DEEPEST, |best| best.rank().0.clamp(sweep::ALLOWED, DEEPEST));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
             blockers.extend_from_slice(&passage.blockers);
@@ -139,11 +165,12 @@ impl Search<'_> {
             if best.passage.is_clear() {
                 break;
             }
-            let (twist, duration) = near(&best.path.flights[0], &mut rng);
+            let flight = self.near(id, &best.path.flights[0], &mut rng);
+            let twist = flight.twist;
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
             let guided = momentum * self.supports.missing(id, is_there, force, moment, &mut analyser);
-            let path = Path { flights: vec![Flight::new(end, twist, duration, &self.inertia[id])] };
+            let path = Path { flights: vec![flight] };
             let passage = sweep::pass(self.world, id, &path, is_there, best.passage.cut.max(sweep::ALLOWED));
             let found = Arrival { path, momentum, guided, passage };
             if found.rank() < best.rank() {
@@ -177,6 +204,9 @@ impl Search<'_> {
         than: &Arrival,
         analyser: &mut Analyser,
     ) -> Option<Arrival> {
+        if !self.source.starts.is_empty() {
+            return None;
+        }
         let end = self.world.pose(id);
         (0..BOUNCES).find_map(|k| {
             let mut rng = self.rng(id, k + 1);

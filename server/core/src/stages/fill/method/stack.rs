@@ -4,7 +4,6 @@
 mod course;
 mod field;
 mod place;
-mod stable_pose;
 
 use super::insert::Insert;
 use super::{Method, Pass};
@@ -14,13 +13,13 @@ use crate::geometry::rectangle::smallest_rectangle;
 use crate::input::observer::Observer;
 use crate::input::scene::{Prop, Turns};
 use crate::prepare::shape::{NestingPose, Shape, Solid, corners, hull_mesh, sphere};
+use crate::prepare::stable_pose::{StablePose, flattest, upright};
 use crate::sim::instance::Instance;
 use crate::stages::fill::filling::{FillTask, Filling};
 use course::{Course, kind};
 use field::{Footprint, HeightField};
 use glam::{DQuat, DVec2, DVec3};
 use place::find;
-use stable_pose::{StablePose, flattest, upright};
 
 /// Number of batches in which bodies are laid, and the time for which each settles, characteristic times.
 const BATCHES: usize = 5;

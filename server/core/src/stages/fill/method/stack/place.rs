@@ -2,10 +2,10 @@
 
 use super::Layable;
 use super::field::{Footprint, HeightField, Spot};
-use super::stable_pose::StablePose;
 use crate::geometry::pose::Pose;
 use crate::input::scene::Turns;
 use crate::prepare::shape::NestingPose;
+use crate::prepare::stable_pose::StablePose;
 use crate::stages::fill::filling::Filling;
 use crate::stages::fill::method::Pass;
 use crate::world::BodyId;
