@@ -93,12 +93,7 @@ pub fn report(
     notes.extend(warnings::end(sim, inputs.held, &measures));
     notes.extend(warnings::cuts(inputs, sim));
     notes.extend(separation.and_then(warnings::separation));
-    notes.extend(
-        inputs
-            .entrance
-            .map(|found| entrance::warnings(&found.figures, &params.entrance))
-            .unwrap_or_default(),
-    );
+    notes.extend(inputs.entrance.map(|found| entrance::warnings(&found.figures, &params.entrance)).unwrap_or_default());
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
     let mut counts = counts::counts(inputs, sim, freed_steps);

@@ -23,7 +23,7 @@ const STEEPEST: f64 = 1.35;
 const LEAP: f64 = 0.45;
 const LEAP_STEP: f64 = 0.1;
 /// The fastest way in, in speeds of a fall from the height at which bodies appear.
-const FASTEST: f64 = 4.0;
+pub const FASTEST: f64 = 4.0;
 
 /// Where bodies come from. Engine units.
 pub struct Source {
@@ -54,11 +54,7 @@ impl Source {
         let (azimuth, share, turn) = (TAU * rng.random::<f64>(), rng.random::<f64>(), direction(rng));
         let spin = SPIN * rng.random_range(0.2..1.0) * turn;
         if let Some(k) = attempt.checked_sub(OWN) {
-            // Along what is free, the steepest first, without a turn.
-            let way = *free.get(k)?;
-            let velocity = -(fall / way.y) * way;
-            let is_slow = velocity.length() <= FASTEST * fall;
-            return is_slow.then_some((Twist { velocity, spin: DVec3::ZERO }, duration));
+            return along(*free.get(k)?, fall, self.speed);
         }
         let calm = 1.0 - attempt as f64 / (OWN - 1) as f64;
         let spin = calm * spin;
@@ -89,6 +85,13 @@ impl Source {
             }
         }
     }
+}
+
+/// Along a free way, without a turn, with a downward speed at the end that a body had less of where it appears. `None`:
+/// the way is so flat that it would be too fast.
+pub fn along(way: DVec3, fall: f64, speed: f64) -> Option<Sample> {
+    let velocity = -(fall / way.y) * way;
+    (velocity.length() <= FASTEST * fall).then_some((Twist { velocity, spin: DVec3::ZERO }, fall - speed))
 }
 
 /// How long a leap takes: steeper with each attempt, so that what it reaches is reached from above.

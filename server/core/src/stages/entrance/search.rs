@@ -2,7 +2,7 @@
 
 use super::landing::Supports;
 use super::path::{Flight, GRAVITY, Path, Twist};
-use super::sample::{ATTEMPTS, OWN, Source, direction, free_directions, leap};
+use super::sample::{ATTEMPTS, FASTEST, OWN, Source, along, direction, free_directions, leap};
 use super::sweep::{self, Passage};
 use crate::geometry::contact::REAL_CONTACT;
 use crate::geometry::pose::Pose;
@@ -21,6 +21,8 @@ const REFINED: usize = 150;
 const DEEPEST: f64 = 0.5;
 const NEAR: f64 = 0.2;
 const NEAR_SPIN: f64 = 0.3;
+/// A body that leaps to above its place is so many radii above it there.
+const ABOVE: f64 = 4.0;
 /// Bodies' random numbers differ from each other's, and from the fill's.
 const SEED_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 const SEED: u64 = 0x6f8d_1e53_a2c4_97b1;
@@ -84,38 +86,64 @@ impl Search<'_> {
         (force.length_squared() + (moment / radius).length_squared()).sqrt()
     }
 
-    /// The way in with this number.
-    fn flight(&self, id: BodyId, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Flight> {
-        if let Some(start) = self.source.starts.get(id) {
-            return (attempt < OWN).then(|| Flight::between(start, *end, leap(start.translation, end.translation, attempt, rng)));
-        }
-        let (twist, duration) = self.source.sample(id, end, attempt, free, rng)?;
-        Some(Flight::new(*end, twist, duration, &self.inertia[id]))
+    /// The way in with this number, the last flight first.
+    fn flights(
+        &self,
+        id: BodyId,
+        end: &Pose,
+        attempt: usize,
+        free: &[DVec3],
+        rng: &mut Pcg64Mcg,
+    ) -> Option<Vec<Flight>> {
+        let Some(start) = self.source.starts.get(id) else {
+            let (twist, duration) = self.source.sample(id, end, attempt, free, rng)?;
+            return Some(vec![Flight::new(*end, twist, duration, &self.inertia[id])]);
+        };
+        let leap = |end: Pose, attempt: usize, rng: &mut Pcg64Mcg| {
+            Flight::between(start, end, leap(start.translation, end.translation, attempt, rng))
+        };
+        let Some(k) = attempt.checked_sub(OWN) else { return Some(vec![leap(*end, attempt, rng)]) };
+        // To above its place, and in along what is free.
+        let (twist, duration) = along(*free.get(k)?, (2.0 * ABOVE * self.world.bodies()[id].radius).sqrt(), 0.0)?;
+        let last = Flight::new(*end, twist, duration, &self.inertia[id]);
+        let above = last.pose(duration);
+        Some(vec![last, leap(above, 0, rng)])
     }
 
     /// A way in that is a little other than this one.
-    fn near(&self, id: BodyId, flight: &Flight, rng: &mut Pcg64Mcg) -> Flight {
-        if let Some(start) = self.source.starts.get(id) {
-            let longest = leap(start.translation, flight.end.translation, OWN, rng);
-            let duration = flight.duration * (1.0 + NEAR * rng.random_range(-1.0..1.0));
-            return Flight::between(start, flight.end, duration.min(longest));
+    fn near(&self, id: BodyId, flights: &[Flight], rng: &mut Pcg64Mcg) -> Vec<Flight> {
+        let (last, start) = (&flights[0], self.source.starts.get(id));
+        if let (Some(start), [leaps]) = (start, flights) {
+            let longest = leap(start.translation, leaps.end.translation, OWN, rng);
+            let duration = leaps.duration * (1.0 + NEAR * rng.random_range(-1.0..1.0));
+            return vec![Flight::between(start, leaps.end, duration.min(longest))];
         }
-        let Twist { velocity, spin } = flight.twist;
+        let Twist { velocity, spin } = last.twist;
         let aside = direction(rng) * NEAR * velocity.length() * rng.random::<f64>();
-        let velocity = velocity + DVec3::new(aside.x, 0.0, aside.z);
+        let aside = velocity + DVec3::new(aside.x, 0.0, aside.z);
+        let velocity = if aside.length() > FASTEST * aside.y.abs() { velocity } else { aside };
         let twist = Twist { velocity, spin: spin + NEAR_SPIN * rng.random::<f64>() * direction(rng) };
-        Flight::new(flight.end, twist, flight.duration, &self.inertia[id])
+        let last = Flight::new(last.end, twist, last.duration, &self.inertia[id]);
+        let above = last.pose(last.duration);
+        let leaps = start.zip(flights.get(1)).map(|(start, leap)| Flight::between(start, above, leap.duration));
+        std::iter::once(last).chain(leaps).collect()
     }
 
-    /// The momentum with which a body leaps; 0 where it appears in flight.
+    /// The momentum with which a body leaps, and is turned in the air; 0 where it appears in flight.
     pub fn leap_momentum(&self, id: BodyId, arrival: &Arrival) -> f64 {
         if self.source.starts.is_empty() {
             return 0.0;
         }
-        let flight = &arrival.path.flights[0];
-        let (mass, _, inertia) = self.body(id, &flight.end);
-        let velocity = flight.twist.velocity - flight.duration * GRAVITY;
-        self.size(id, mass * velocity, inertia * flight.twist.spin)
+        let (mut sum, mut after) = (0.0, None);
+        for flight in &arrival.path.flights {
+            let (mass, _, inertia) = self.body(id, &flight.end);
+            if let Some(velocity) = after {
+                sum += self.size(id, mass * (velocity - flight.twist.velocity), inertia * flight.twist.spin);
+            }
+            after = Some(flight.twist.velocity - flight.duration * GRAVITY);
+        }
+        let (mass, _, _) = self.body(id, arrival.path.end());
+        sum + mass * after.unwrap_or_default().length()
     }
 
     /// The best way in for a body, past what `is_there`.
@@ -127,8 +155,8 @@ impl Search<'_> {
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
-            let Some(flight) = self.flight(id, &end, attempt, &free, &mut rng) else { continue };
-            let twist = flight.twist;
+            let Some(flights) = self.flights(id, &end, attempt, &free, &mut rng) else { continue };
+            let twist = flights[0].twist;
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
             let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
@@ -136,7 +164,7 @@ impl Search<'_> {
             if best.as_ref().is_some_and(is_worse) {
                 continue;
             }
-            let path = Path { flights: vec![flight] };
+            let path = Path { flights };
             let most = best.as_ref().map_or(DEEPEST, |best| best.rank().0.clamp(sweep::ALLOWED, DEEPEST));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
             blockers.extend_from_slice(&passage.blockers);
@@ -165,12 +193,12 @@ impl Search<'_> {
             if best.passage.is_clear() {
                 break;
             }
-            let flight = self.near(id, &best.path.flights[0], &mut rng);
-            let twist = flight.twist;
+            let flights = self.near(id, &best.path.flights, &mut rng);
+            let twist = flights[0].twist;
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
             let momentum = self.size(id, force, moment);
             let guided = momentum * self.supports.missing(id, is_there, force, moment, &mut analyser);
-            let path = Path { flights: vec![flight] };
+            let path = Path { flights };
             let passage = sweep::pass(self.world, id, &path, is_there, best.passage.cut.max(sweep::ALLOWED));
             let found = Arrival { path, momentum, guided, passage };
             if found.rank() < best.rank() {
