@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use std::f64::consts::TAU;
 
 /// Materials: name, linear base colour, roughness.
-const MATERIALS: [(&str, Point, f64); 20] = [
+const MATERIALS: [(&str, Point, f64); 19] = [
     ("wood", [1.0, 1.0, 1.0], 0.7),
     ("cover", [0.12, 0.03, 0.04], 0.6),
     ("paper", [0.80, 0.74, 0.60], 0.9),
@@ -21,7 +21,6 @@ const MATERIALS: [(&str, Point, f64); 20] = [
     ("brick", [0.42, 0.13, 0.07], 0.9),
     ("timber", [0.62, 0.42, 0.22], 0.8),
     ("china", [0.85, 0.86, 0.88], 0.3),
-    ("gold", [0.83, 0.62, 0.22], 0.3),
     ("glaze", [0.10, 0.28, 0.40], 0.3),
     ("grass", [0.13, 0.25, 0.07], 0.95),
     ("soil", [0.16, 0.11, 0.07], 0.95),

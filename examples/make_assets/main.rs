@@ -35,7 +35,6 @@ fn main() -> std::io::Result<()> {
         ("plate", plate()),
         ("bowl", bowl()),
         ("card", card()),
-        ("coin", coin()),
         ("ball", ball(0.5)),
         ("cart", cart()),
         // Control meshes for sticks: at a packing of 0.4, a cubic metre holds 40 of them.
@@ -46,8 +45,6 @@ fn main() -> std::io::Result<()> {
         ("letter-t", letter_t(1.2)),
         // For bananas and books.
         ("mound", dome(0.4, 0.3)),
-        // For coins.
-        ("hoard", dome(0.08, 0.05)),
         ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
         // For what is stacked.
         ("shelf", block([1.6, 1.0, 0.6], "control")),

@@ -31,11 +31,6 @@ pub fn plate() -> Asset {
     turned(&[&[[0.0, 0.0]], &below[..], &above[..]].concat(), "china")
 }
 
-/// A coin with a rim that is a little blunt.
-pub fn coin() -> Asset {
-    turned(&[[0.0, 0.0], [0.012, 0.0], [0.0125, 0.0004], [0.0125, 0.0021], [0.012, 0.0025], [0.0, 0.0025]], "gold")
-}
-
 /// A bowl whose wall is 5 mm thick.
 pub fn bowl() -> Asset {
     let below = [[0.035, 0.0], [0.052, 0.012], [0.067, 0.035], [0.075, 0.065]];

@@ -150,6 +150,36 @@ fn bodies_come_into_the_places_of_the_finished_pile() {
     }
 }
 
+/// Bodies lie around the place of the pile, leap one after another, and end in it.
+#[test]
+fn bodies_that_lie_about_assemble_into_the_finished_pile() {
+    let plain = bake(&wall(), &params(EntranceKind::None), &mut Silent).unwrap();
+    let entered = bake(&wall(), &params(EntranceKind::Assemble), &mut Silent).unwrap();
+    let pile = &entered.pile;
+    assert_eq!(pile.frames.last(), plain.pile.frames.last());
+    let (first, last) = (&pile.frames[0], &pile.frames[pile.frames.len() - 1]);
+    let reach = last.iter().map(|pose| pose.translation.x).fold(0.0, f64::max);
+    for (id, pose) in first.iter().enumerate() {
+        assert_eq!(pile.bodies[id].first_frame, 0, "body {id} is there from the beginning");
+        assert!((pose.translation.y - 0.1).abs() < 0.01, "body {id} lies on the ground: {pose:?}");
+        assert!(pose.translation.length() > reach, "body {id} lies beside the pile: {pose:?}");
+        let others = first[..id].iter().map(|other| other.translation.distance(pose.translation));
+        assert!(others.fold(f64::INFINITY, f64::min) > 0.4, "body {id} lies apart from others");
+    }
+    // Each frame shows each body lie, fall freely, or stand.
+    let moves = |id: usize, k: usize| pile.frames[k][id] != first[id] && pile.frames[k][id] != last[id];
+    for id in 0..pile.bodies.len() {
+        let at = |k: usize| pile.frames[k][id].transform_point(pile.solids[pile.bodies[id].prop].center);
+        for k in (1..pile.frames.len() - 1).filter(|&k| (k - 1..=k + 1).all(|k| moves(id, k))) {
+            let bend = (at(k - 1) + at(k + 1) - 2.0 * at(k)) * pile.fps * pile.fps / pile.world.gravity;
+            assert!((bend + DVec3::Y).length() < 0.01, "body {id}, frame {k}: {bend}");
+        }
+    }
+    assert!(figure(&entered, "entrance_cut_max_rel") < 0.02);
+    assert!(figure(&entered, "entrance_guided_impulse") > 0.5, "what makes it leap is guiding");
+    assert!(entered.report.warnings.iter().all(|text| !text.contains("momentum")), "{:?}", entered.report.warnings);
+}
+
 #[test]
 fn what_does_not_go_with_an_entrance_is_refused_at_once() {
     let mut scene = wall();
