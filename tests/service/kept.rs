@@ -28,7 +28,7 @@ async fn a_servers_folder_of_each_release_is_taken_over() {
         let mut connection = server.ready().await;
         let listed = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner().bakes;
         assert_eq!(listed.len(), 1, "{version}: {}", server.log());
-        assert_eq!(listed[0].state(), BakeState::Done);
+        assert_eq!(listed[0].state(), BakeState::Succeeded);
         assert_eq!(listed[0].labels["kept"], version);
         let id = &listed[0].bake_id;
         // The bytes that the release delivered, and other formats of the same pile.
