@@ -1,5 +1,6 @@
 //! The order in which bodies come, found backward: from the finished pile, bodies leave one by one, each on a way that
-//! is free, and without which no other falls. Where one falls all the same, it leaves next: it is held for a short time.
+//! is free, and without which no other falls. Where one falls all the same, it leaves next: it is held for a short
+//! time.
 
 use super::search::{Arrival, GOOD, Search};
 use crate::error::Error;
