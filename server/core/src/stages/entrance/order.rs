@@ -34,7 +34,7 @@ pub fn plan(
     left.iter().for_each(|&id| is_left[id] = true);
     let mut known: Vec<Option<Option<Arrival>>> = vec![None; bodies];
     let mut carried: Vec<Option<bool>> = vec![None; bodies];
-    // Bodies that fall as soon as they are let go, since what carries them has left.
+    // Bodies that fall as soon as they are released, since what carries them has left.
     let mut fallen: BTreeSet<BodyId> = BTreeSet::new();
     let mut analyser = Analyser::new();
     let mut landed = Vec::with_capacity(count);
