@@ -120,8 +120,8 @@ impl Search<'_> {
         }
         let Twist { velocity, spin } = last.twist;
         let aside = direction(rng) * NEAR * velocity.length() * rng.random::<f64>();
-        let aside = velocity + DVec3::new(aside.x, 0.0, aside.z);
-        let velocity = if aside.length() > FASTEST * aside.y.abs() { velocity } else { aside };
+        let other = velocity + aside.with_y(0.0);
+        let velocity = if other.length() > FASTEST * other.y.abs() { velocity } else { other };
         let twist = Twist { velocity, spin: spin + NEAR_SPIN * rng.random::<f64>() * direction(rng) };
         let last = Flight::new(last.end, twist, last.duration, &self.inertia[id]);
         let above = last.pose(last.duration);

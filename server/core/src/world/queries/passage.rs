@@ -126,10 +126,10 @@ fn gap_of_parts(
     pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut found: Option<f32> = None;
     for (least, i, j) in pairs {
-        let most = found.unwrap_or(reach);
-        if least >= most && found.is_some() {
+        if found.is_some_and(|found| least >= found) {
             break;
         }
+        let most = found.unwrap_or(reach);
         let (a, b) = (&own[i], &others[j]);
         if let Ok(Some(contact)) = query::contact(&a.pose, a.shape, &b.pose, b.shape, most.max(0.0)) {
             found = Some(found.map_or(contact.dist, |found| found.min(contact.dist)));
