@@ -34,6 +34,9 @@
 //!
 //! Meshes are read from glTF files by [`asset::read`].
 
+// The same bytes on every platform: no mathematics of the platform's own.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 pub mod analysis;
 pub mod asset;
 pub mod error;

@@ -1,4 +1,6 @@
 #![doc = include_str!("../README.md")]
+// The same bytes on every platform: no mathematics of the platform's own.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod accessor;
 mod buffer;

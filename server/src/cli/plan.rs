@@ -144,6 +144,6 @@ fn price_list(estimates: &[Estimate], own: Option<&Estimate>) -> String {
 /// Two digits.
 fn millimetres(metres: f64) -> String {
     let value = metres * 1e3;
-    let digits = if value > 0.0 { (1.0 - value.log10().floor()).clamp(0.0, 3.0) as usize } else { 0 };
+    let digits = if value > 0.0 { (1.0 - libm::log10(value).floor()).clamp(0.0, 3.0) as usize } else { 0 };
     format!("{value:.digits$} mm")
 }

@@ -62,7 +62,7 @@ pub fn run(
 fn shrink(mesh: &mut TriMesh, params: &Params, share: f64) {
     let (lo, hi) = mesh.bounds();
     let foot = DVec3::new((lo.x + hi.x) / 2.0, params.ground_height.unwrap_or(lo.y), (lo.z + hi.z) / 2.0);
-    let scale = share.min(1.0).cbrt();
+    let scale = libm::cbrt(share.min(1.0));
     for point in &mut mesh.points {
         *point = foot + (*point - foot) * scale;
     }

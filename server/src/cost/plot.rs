@@ -5,6 +5,7 @@ use super::table::{self, MedianRange, StudyRow, front};
 use super::{Study, VariantKind};
 use crate::files::write_atomically;
 use image::{ImageFormat, RgbImage};
+use libm::{log10, pow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
@@ -105,8 +106,8 @@ where
     let has_zero = points.iter().any(|p| p.1.low < least);
     let zero = least / 3.0;
     let floor = if has_zero { zero / 1.8 } else { least / 1.5 };
-    let (x, y) = ((left / 1.25).log10()..(right * 1.6).log10(), floor.log10()..top.log10());
-    let height = |error: f64| if error < least { zero.log10() } else { error.log10() };
+    let (x, y) = (log10(left / 1.25)..log10(right * 1.6), log10(floor)..log10(top));
+    let height = |error: f64| if error < least { log10(zero) } else { log10(error) };
     let mut chart = ChartBuilder::on(area)
         .caption(figure.title, (FONT, 17).into_font())
         .margin(12)
@@ -119,9 +120,9 @@ where
         .x_desc("CPU time, s")
         .x_labels(5)
         .y_labels(6)
-        .x_label_formatter(&|x| two_digits(10f64.powf(*x)))
+        .x_label_formatter(&|x| two_digits(pow(10.0, *x)))
         .y_label_formatter(&|y| {
-            if has_zero && *y < least.log10() - 0.05 { String::new() } else { two_digits(10f64.powf(*y)) }
+            if has_zero && *y < log10(least) - 0.05 { String::new() } else { two_digits(pow(10.0, *y)) }
         })
         .label_style((FONT, 15).into_font())
         .axis_desc_style((FONT, 16).into_font())
@@ -130,20 +131,20 @@ where
         area.draw(&Text::new("too few seeds to rank", (100, 44), (FONT, 16).into_font().color(&FRONT)))?;
     }
     if has_zero {
-        let line = [(x.start, zero.log10()), (x.end, zero.log10())];
+        let line = [(x.start, log10(zero)), (x.end, log10(zero))];
         chart.draw_series([PathElement::new(line, KNOB.mix(0.5))])?;
         let label = EmptyElement::at(line[1]) + Text::new("0", (-14, -18), (FONT, 15).into_font().color(&KNOB));
         chart.draw_series([label])?;
     }
     let best: Vec<(f64, f64)> = front(rows, figure.name)
         .into_iter()
-        .map(|i| (rows[i].cost.median.log10(), height(rows[i].errors[figure.name].median)))
+        .map(|i| (log10(rows[i].cost.median), height(rows[i].errors[figure.name].median)))
         .collect();
     // Where seeds differ as much as presets do, there is no front.
     let best = if is_ranked { best } else { Vec::new() };
     let stairs = best.iter().zip(best.iter().skip(1)).flat_map(|(&a, &b)| [(b.0, a.1), b]);
     chart.draw_series(LineSeries::new(best.first().copied().into_iter().chain(stairs), FRONT.stroke_width(2)))?;
-    let at = |row: &StudyRow, error: &MedianRange| (row.cost.median.log10(), height(error.median));
+    let at = |row: &StudyRow, error: &MedianRange| (log10(row.cost.median), height(error.median));
     // Draw presets on top.
     let is_preset = |(row, _): &&(&StudyRow, MedianRange)| row.kind == VariantKind::Preset;
     let (presets, knobs): (Vec<_>, Vec<_>) = points.iter().partition(is_preset);
@@ -152,8 +153,7 @@ where
         let at = at(row, error);
         if row.kind == VariantKind::Preset {
             let upright = PathElement::new([(at.0, height(error.low)), (at.0, height(error.high))], color.mix(0.6));
-            let across =
-                PathElement::new([(row.cost.low.log10(), at.1), (row.cost.high.log10(), at.1)], color.mix(0.6));
+            let across = PathElement::new([(log10(row.cost.low), at.1), (log10(row.cost.high), at.1)], color.mix(0.6));
             chart.draw_series([upright, across])?;
         }
         chart.draw_series([Circle::new(at, size, color.filled())])?;

@@ -168,7 +168,7 @@ pub fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".into();
     }
-    let digits = (1.0 - value.abs().log10().floor()).clamp(0.0, 6.0) as usize;
+    let digits = (1.0 - libm::log10(value.abs()).floor()).clamp(0.0, 6.0) as usize;
     if value.abs() < 1e-4 { format!("{value:.1e}") } else { format!("{value:.digits$}") }
 }
 

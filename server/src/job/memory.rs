@@ -25,7 +25,7 @@ pub struct PeakMemory {
 
 impl Job {
     pub fn peak_memory(&self, plan: &Plan) -> PeakMemory {
-        let bodies = OF_BODIES * MIB * (plan.expected_bodies as f64).powf(POWER);
+        let bodies = OF_BODIES * MIB * libm::pow(plan.expected_bodies as f64, POWER);
         let expected = BASE * MIB + bodies + OF_RESULT * self.most_bytes(plan, Format::Glb) as f64;
         PeakMemory { expected: expected as u64, most: (FACTOR * expected) as u64 }
     }

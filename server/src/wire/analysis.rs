@@ -207,7 +207,7 @@ pub fn from_messages(parts: &[proto::AnalysePileResponse], count: usize) -> Opti
         Some(WholePile {
             tilts: margins.tilts.iter().map(tilt).collect(),
             tilt: tilt_range,
-            shake: tilt_range.map(|degrees| degrees.to_radians().tan()),
+            shake: tilt_range.map(|degrees| libm::tan(degrees.to_radians())),
             azimuth: margins.azimuth,
             goes_first: ids(&margins.goes_first)?,
             weakest: maybe(margins.weakest)?,

@@ -110,6 +110,9 @@
 //!
 //! The method, and the literature behind it, are in each module's documentation.
 
+// The same bytes on every platform: no mathematics of the platform's own.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
 pub mod global;
 pub mod glue;
 pub mod limit;

@@ -7,7 +7,7 @@ pub(crate) fn clip(f: &[f64], mu: f64) -> [f64; 3] {
         return [0.0; 3];
     }
     let normal = f[0].max(0.0);
-    let tangential = f[1].hypot(f[2]);
+    let tangential = libm::hypot(f[1], f[2]);
     let keep = if tangential > mu * normal { mu * normal / tangential } else { 1.0 };
     [normal, keep * f[1], keep * f[2]]
 }

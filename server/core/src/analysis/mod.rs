@@ -208,7 +208,7 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
         let own = &own[k];
         (body.least_friction, body.least_push) = (own.friction, own.push.map(|(push, _)| push));
         body.push_azimuth = own.push.map(|(_, azimuth)| azimuth);
-        body.least_tilt = body.least_push.map(|push| push.atan().to_degrees());
+        body.least_tilt = body.least_push.map(|push| libm::atan(push).to_degrees());
     }
     let (mut order, mut stuck) = (Vec::new(), Vec::new());
     if options.removals {

@@ -82,7 +82,7 @@ pub fn of(
     while programs < most_programs {
         going.on(0.8 + 0.1 * programs as f64 / most_programs as f64)?;
         // The direction in which the least is known; of equals, opposite ones first.
-        let degrees = |t: f64| t.atan().to_degrees();
+        let degrees = |t: f64| libm::atan(t).to_degrees();
         let apart = |k: usize| {
             let (least, most) = horizon.along(k);
             degrees(most) - degrees(least)
@@ -109,7 +109,7 @@ pub fn of(
         .map(|k| {
             let (least, most) = horizon.along(k);
             let azimuth = own::way(k).1;
-            TiltLimit { azimuth, stands_to: least.atan().to_degrees(), falls_from: most.atan().to_degrees() }
+            TiltLimit { azimuth, stands_to: libm::atan(least).to_degrees(), falls_from: libm::atan(most).to_degrees() }
         })
         .collect();
     let least = |tilt: fn(&TiltLimit) -> f64| tilts.iter().map(tilt).fold(90.0, f64::min);
@@ -122,7 +122,7 @@ pub fn of(
     let (friction, solved) = friction(pile, found, bodies, going)?;
     Ok(WholePile {
         tilt,
-        shake: tilt.map(|degrees| degrees.to_radians().tan()),
+        shake: tilt.map(|degrees| libm::tan(degrees.to_radians())),
         tilts,
         azimuth,
         goes_first,

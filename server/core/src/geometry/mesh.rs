@@ -99,5 +99,5 @@ pub(crate) fn solid_angle(p: DVec3, triangle: &[DVec3; 3]) -> f64 {
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     let volume = a.dot(b.cross(c));
     let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    2.0 * volume.atan2(denominator)
+    2.0 * libm::atan2(volume, denominator)
 }

@@ -69,7 +69,7 @@ pub fn smallest_extent(mesh: &TriMesh) -> f64 {
     for _ in 0..HALVINGS {
         let (u, v) = best.0.any_orthonormal_pair();
         let around = (0..8).map(|k| {
-            let (sin, cos) = (k as f64 * std::f64::consts::FRAC_PI_4).sin_cos();
+            let (sin, cos) = libm::sincos(k as f64 * std::f64::consts::FRAC_PI_4);
             (best.0 + (u * cos + v * sin) * turn).normalize()
         });
         best = around.map(|d| (d, width(d))).fold(best, narrower);
@@ -156,7 +156,8 @@ fn spread(n: usize) -> Vec<DVec3> {
         let y = (i as f64 + 0.5) / n as f64;
         let turn = i as f64 * std::f64::consts::PI * (3.0 - 5f64.sqrt());
         let r = (1.0 - y * y).sqrt();
-        DVec3::new(r * turn.cos(), y, r * turn.sin())
+        let (sin, cos) = libm::sincos(turn);
+        DVec3::new(r * cos, y, r * sin)
     };
     (0..n).map(direction).chain(DVec3::AXES).collect()
 }

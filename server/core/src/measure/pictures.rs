@@ -26,7 +26,7 @@ pub(super) fn silhouette_iou(measurer: &ShapeMeasurer, pile: &Instances) -> f64 
     let views: Vec<f64> = (0..AZIMUTHS)
         .into_par_iter()
         .map(|k| {
-            let (sin, cos) = (k as f64 / AZIMUTHS as f64 * std::f64::consts::PI).sin_cos();
+            let (sin, cos) = libm::sincos(k as f64 / AZIMUTHS as f64 * std::f64::consts::PI);
             let view = PictureView { right: DVec3::new(cos, 0.0, sin), up: DVec3::Y, toward: DVec3::ZERO };
             let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|a| if i >> a & 1 == 1 { hi[a] } else { lo[a] }));
             let corners = || (0..8).map(|i| DVec2::new(corner(i).dot(view.right), corner(i).y));

@@ -171,14 +171,14 @@ impl Workload {
     pub fn features(&self) -> CostExponents {
         [
             1.0,
-            self.bodies.ln(),
-            self.corners.ln(),
-            self.parts.ln(),
-            self.slenderness.ln(),
-            (1.0 + self.walls).ln(),
-            self.times.max(1.0).ln(),
-            self.step_rate.ln(),
-            self.substeps.ln(),
+            libm::log(self.bodies),
+            libm::log(self.corners),
+            libm::log(self.parts),
+            libm::log(self.slenderness),
+            libm::log(1.0 + self.walls),
+            libm::log(self.times.max(1.0)),
+            libm::log(self.step_rate),
+            libm::log(self.substeps),
             f64::from(u8::from(self.coulomb)),
         ]
     }
@@ -187,7 +187,7 @@ impl Workload {
     /// model was fitted on.
     pub fn stage_seconds(&self) -> [f64; 4] {
         let features = self.features();
-        let law = |weights: &CostExponents| features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>().exp();
+        let law = |weights: &CostExponents| libm::exp(features.iter().zip(weights).map(|(f, w)| f * w).sum::<f64>());
         let fill = if self.filled > 0.0 { law(&model::FILL) * self.fill_cost_factor } else { 0.0 };
         let glue = if self.glued { law(&model::GLUE) * self.glue_cost_factor } else { 0.0 };
         let release = law(&model::RELEASE_AND_HOLD) * if self.glued { model::GLUED_RELEASE } else { 1.0 };

@@ -38,9 +38,17 @@ impl Room {
         let crowding = (thickness * self.area / self.volume).min(MOST_CROWDED);
         let solidity = size.volume / size.hull_volume;
         let boxiness = size.hull_volume / (least * middle * longest);
-        let length = (longest / middle).ln();
+        let length = libm::log(longest / middle);
         let slenderness = (length - 1.0).max(0.0);
-        [1.0, solidity.ln(), boxiness.ln(), (least / longest).ln(), slenderness, solidity.ln() * length, crowding]
+        [
+            1.0,
+            libm::log(solidity),
+            libm::log(boxiness),
+            libm::log(least / longest),
+            slenderness,
+            libm::log(solidity) * length,
+            crowding,
+        ]
     }
 
     /// Volume of the room over the mean volume of a prop, and the mean features of the props, by their weight.
@@ -69,10 +77,10 @@ const STACKED: f64 = 0.85;
 /// Bodies that fit, by this share of the packing that fills usually reach, and by the limits given.
 pub fn expected_bodies(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share: f64) -> usize {
     let (times, features) = room.load(scene, sizes);
-    let mut packing = features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>().exp().clamp(RANGE.0, RANGE.1);
+    let mut packing = libm::exp(features.iter().zip(PACKING).map(|(f, w)| f * w).sum::<f64>()).clamp(RANGE.0, RANGE.1);
     if fill.method.traits().has_order {
         let [_, solidity, boxiness, ..] = features;
-        packing += fill.order * (STACKED * (solidity + boxiness).exp() - packing).max(0.0);
+        packing += fill.order * (STACKED * libm::exp(solidity + boxiness) - packing).max(0.0);
     }
     let fitting = (share * packing * times).ceil().max(1.0);
     (fitting.min(fill.max_bodies as f64) as usize).min(fill.count.unwrap_or(u32::MAX) as usize).max(1)

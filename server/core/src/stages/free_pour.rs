@@ -43,7 +43,7 @@ pub fn free_pour(
     let scale = (prop.scale[0] + prop.scale[1]) / 2.0;
     let diameter = shape.size.diameter * scale;
     let needed = MAX_BODIES as f64 * shape.volume * scale.powi(3) / USUAL_PACKING;
-    let width = (needed.cbrt() / diameter).clamp(WIDTHS[1], WIDTHS[0]);
+    let width = (libm::cbrt(needed) / diameter).clamp(WIDTHS[1], WIDTHS[0]);
     let bin = block(DVec3::new(-0.5, 0.0, -0.5) * width * diameter, DVec3::new(0.5, 1.0, 0.5) * width * diameter);
 
     let mut params = params.clone();

@@ -96,7 +96,7 @@ struct Writer<'a> {
 impl Writer<'_> {
     /// Adds a body, and gives the index of its node.
     fn add(&mut self, body: &FoundBody, color: [f64; 3], extras: Value) -> Result<usize, DocumentError> {
-        let linear = color.map(|c| if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) });
+        let linear = color.map(|c| if c <= 0.04045 { c / 12.92 } else { libm::pow((c + 0.055) / 1.055, 2.4) });
         let factor = [linear[0], linear[1], linear[2], 1.0].map(|c| (c * 1e4).round() / 1e4);
         let material = json!({
             "pbrMetallicRoughness": { "baseColorFactor": factor, "metallicFactor": 0.0, "roughnessFactor": 0.8 },

@@ -21,12 +21,12 @@ impl Camera {
     /// Looks from `azimuth` (degrees around +Y, from +Z towards +X) and `elevation` (degrees above the ground) at
     /// `points`.
     pub fn fitted(points: &[DVec3], azimuth: f64, elevation: f64, [width, height]: [u32; 2]) -> Camera {
-        let (sin_a, cos_a) = azimuth.to_radians().sin_cos();
-        let (sin_e, cos_e) = elevation.clamp(-89.0, 89.0).to_radians().sin_cos();
+        let (sin_a, cos_a) = libm::sincos(azimuth.to_radians());
+        let (sin_e, cos_e) = libm::sincos(elevation.clamp(-89.0, 89.0).to_radians());
         let back = DVec3::new(sin_a * cos_e, sin_e, cos_a * cos_e);
         let right = DVec3::new(cos_a, 0.0, -sin_a);
         let up = back.cross(right);
-        let vertical = (FIELD / 2.0).tan();
+        let vertical = libm::tan(FIELD / 2.0);
         let half = [vertical * f64::from(width) / f64::from(height), vertical];
         // In each direction, the two planes of the picture's edges must enclose all points: that gives the place and
         // the distance in closed form.

@@ -83,7 +83,7 @@ impl DrawnGlue {
     /// The glue in unit space. `radius`: that of a usual body, in the world; `bodies`: the body that each instance is.
     pub fn shown(&self, to_unit: DAffine3, radius: f64, bodies: impl Iterator<Item = Option<usize>>) -> GlueOverlay {
         // A moment counts as the force that makes it at a body's radius.
-        let load = |dot: &GlueMark| dot.force.hypot(dot.moment / radius.max(f64::MIN_POSITIVE));
+        let load = |dot: &GlueMark| libm::hypot(dot.force, dot.moment / radius.max(f64::MIN_POSITIVE));
         let whole = self.dots.iter().filter(|dot| !dot.is_broken);
         let largest = whole.map(load).fold(f64::MIN_POSITIVE, f64::max);
         let size = to_unit.transform_vector3(DVec3::X).length() * radius;

@@ -134,7 +134,7 @@ fn outline(triangles: &[Triangle]) -> Vec<DVec3> {
     let golden = std::f32::consts::PI * (3.0 - 5.0f32.sqrt());
     let furthest = |i: u32| {
         let up = 1.0 - (2 * i + 1) as f32 / DIRECTIONS as f32;
-        let (sin, cos) = (golden * i as f32).sin_cos();
+        let (sin, cos) = libm::sincosf(golden * i as f32);
         let out = (1.0 - up * up).sqrt();
         let direction = Vec3A::new(out * cos, up, out * sin);
         let points = triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);

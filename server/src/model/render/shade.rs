@@ -198,7 +198,7 @@ fn shine(normal: Vec3, to_eye: Vec3, to_sun: Vec3, roughness: f32) -> f32 {
 
 /// A direction within a cone.
 fn around(axis: Vec3, random: Vec2, radius: f32) -> Vec3 {
-    let (sin, cos) = (TAU * random.x).sin_cos();
+    let (sin, cos) = libm::sincosf(TAU * random.x);
     let distance = radius * random.y.sqrt();
     let (right, forward) = axis.any_orthonormal_pair();
     (axis + right * (cos * distance) + forward * (sin * distance)).normalize()
@@ -206,7 +206,7 @@ fn around(axis: Vec3, random: Vec2, radius: f32) -> Vec3 {
 
 /// A direction from a matte surface: more of them near its normal.
 fn scattered(normal: Vec3, random: Vec2) -> Vec3 {
-    let (sin, cos) = (TAU * random.x).sin_cos();
+    let (sin, cos) = libm::sincosf(TAU * random.x);
     let distance = random.y.sqrt();
     let up = (1.0 - random.y).sqrt();
     let (right, forward) = normal.any_orthonormal_pair();
@@ -236,7 +236,7 @@ fn display(color: Vec3) -> [f32; 3] {
     }
     let encode = |c: f32| {
         let c = c.clamp(0.0, 1.0);
-        if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * c.powf(1.0 / 2.4) - 0.055 }
+        if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 }
     };
     color.to_array().map(encode)
 }

@@ -153,5 +153,5 @@ impl Picture {
 /// From the sRGB byte of a picture.
 fn linear(byte: u8) -> f32 {
     let value = f32::from(byte) / 255.0;
-    if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+    if value <= 0.04045 { value / 12.92 } else { libm::powf((value + 0.055) / 1.055, 2.4) }
 }

@@ -54,7 +54,7 @@ pub(super) fn of(scaled: &ScaledProblem, projection: &mut Projection) -> f64 {
     let (e1, e2) = up.any_orthonormal_pair();
     let mut least = MOST_PUSH;
     for k in 0..6 {
-        let (s, c) = (FRAC_PI_3 * f64::from(k)).sin_cos();
+        let (s, c) = libm::sincos(FRAC_PI_3 * f64::from(k));
         let push = join(c * e1 + s * e2, glam::DVec3::ZERO);
         least = ray(scaled, projection, &b, &push, least);
         if least <= LEAST_PUSH {

@@ -87,14 +87,14 @@ impl Polygon {
         let half = std::f64::consts::PI / f64::from(sides);
         let reach = match fit {
             Fit::Inscribed => 1.0,
-            Fit::Circumscribed => 1.0 / half.cos(),
+            Fit::Circumscribed => 1.0 / libm::cos(half),
         };
-        self.apothem = reach * half.cos();
+        self.apothem = reach * libm::cos(half);
         // Face 0 looks along t1, so that four circumscribed sides are the paper's |f_t1|, |f_t2| <= mu f_n.
         for k in 0..self.sides {
-            let (s, c) = (2.0 * half * k as f64).sin_cos();
+            let (s, c) = libm::sincos(2.0 * half * k as f64);
             self.faces[k] = [c, s];
-            let (s, c) = (2.0 * half * (k as f64 + 0.5)).sin_cos();
+            let (s, c) = libm::sincos(2.0 * half * (k as f64 + 0.5));
             self.corners[k] = [reach * c, reach * s];
         }
     }

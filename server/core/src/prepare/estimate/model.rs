@@ -40,7 +40,7 @@ pub fn expected_kept_shape(strength: f64) -> [f64; 3] {
         Some(n) => (KEPT[n - 1], KEPT[n]),
         None => (last, last),
     };
-    let share = if low.0 == high.0 { 0.0 } else { (strength / low.0).ln() / (high.0 / low.0).ln() };
+    let share = if low.0 == high.0 { 0.0 } else { libm::log(strength / low.0) / libm::log(high.0 / low.0) };
     std::array::from_fn(|n| low.1[n] + share * (high.1[n] - low.1[n]))
 }
 

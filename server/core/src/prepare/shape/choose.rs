@@ -47,7 +47,7 @@ fn primitive(
         return Some((Solid::Box(*around), box_deviation));
     }
     let (center, radius) = fit::bounding_sphere(mesh);
-    let own_radius = (volume.abs() * 0.75 / std::f64::consts::PI).cbrt();
+    let own_radius = libm::cbrt(volume.abs() * 0.75 / std::f64::consts::PI);
     let round = radius > 0.0 && own_radius / radius > BALL_ROUNDNESS;
     // A faceted ball lies inside its sphere, farthest from it in the middle of its facets: few touch just there.
     let deviation = radius - fit::inner_radius(mesh, center);

@@ -3,6 +3,7 @@
 //! A body that joins a cluster lends it its collider; its own rigid body rests meanwhile. Joints in place of merging
 //! fight with the contacts within the cluster, and creep.
 
+use crate::prepare::shape::principal;
 use crate::world::bodies::{GlueCluster, stop};
 use crate::world::{BodyId, BodySize, ClusterId, Momentum, Role, World};
 use glam::{DMat3, DVec3};
@@ -46,8 +47,10 @@ impl World {
             angular += a + arm.cross(l);
         }
         let spin = inertia.inverse() * angular;
-        let [x, y, z] = inertia.to_cols_array_2d().map(|c| Vector::new(c[0] as f32, c[1] as f32, c[2] as f32));
-        let properties = MassProperties::with_inertia_matrix(Vector::ZERO, mass as f32, Matrix::from_cols(x, y, z));
+        // The engine's own eigenvalues call the platform's cosine: last bits would differ.
+        let (moments, frame) = principal(inertia);
+        let (moments, frame) = (moments.as_vec3(), frame.as_quat());
+        let properties = MassProperties::with_principal_inertia_frame(Vector::ZERO, mass as f32, moments, frame);
         let first = &self.bodies[members[0]];
         let like = &self.engine.bodies[first.carrier];
         let mut rigid = RigidBodyBuilder::new(first.role.engine_type())

@@ -57,7 +57,7 @@ pub fn seen(points: &[[f32; 3]], triangles: &[[u32; 3]], spacing: f64) -> Vec<bo
 fn direction(number: u32) -> Vec3A {
     let golden = std::f32::consts::PI * (3.0 - 5.0f32.sqrt());
     let up = 1.0 - (2 * number + 1) as f32 / DIRECTIONS as f32;
-    let (sin, cos) = (0.3 + golden * number as f32).sin_cos();
+    let (sin, cos) = libm::sincosf(0.3 + golden * number as f32);
     let out = (1.0 - up * up).sqrt();
     Vec3A::new(out * cos, up, out * sin)
 }

@@ -219,7 +219,7 @@ impl Materials<'_, '_> {
         let offset = DVec2::from(numbers(moved.get("offset")).unwrap_or([0.0; 2]));
         let scale = DVec2::from(numbers(moved.get("scale")).unwrap_or([1.0; 2]));
         let angle = number(moved, "rotation", 0.0);
-        let edge = scale.y * DVec2::new(angle.sin(), angle.cos());
+        let edge = scale.y * DVec2::new(libm::sin(angle), libm::cos(angle));
         let translation = DVec2::new(offset.x + edge.x, 1.0 - edge.y - offset.y);
         let pair = |v: DVec2| gf::Vec2f::from(v.as_vec2().to_array());
         self.layer.attribute(transform, "float inputs:rotation", angle.to_degrees() as f32);
