@@ -70,9 +70,7 @@ def test_hashes(name, tmp_path):
             run(program, ["bake", f"{ROOT}/examples/{scene}", *flags, "-o", folder / output], tmp_path)
         run(program, ["render", folder / "pile.glb", "-o", folder / "pile.png"], tmp_path)
         made.append(bytes_of(folder))
-        # Pictures differ in the last bit of some pixels: sines are the platform's own there.
-        assert made[-1].pop("pile.png")
-    assert made[0] == made[1] and len(made[0]) == 2
+    assert made[0] == made[1] and len(made[0]) == 3
 
 
 def test_several_threads_give_the_same_bytes(desk):
@@ -101,8 +99,9 @@ def test_paths(folder, desk):
     run(RUNS, ["bake", *inputs, *STICKS[4:], "--quiet", "--no-cache", "-o", in_its_words(place / "pile.glb")], desk)
     run([OWN], ["bake", *STICKS, "--quiet", "--no-cache", "-o", desk / "own.glb"], desk)
     assert (place / "pile.glb").read_bytes() == (desk / "own.glb").read_bytes()
-    # As a scene file, whose paths are relative to it; and what it made is a scene, too.
-    (place / "pile.toml").write_text(run(RUNS, ["scene", *inputs, *STICKS[4:]], place).stdout)
+    # As a scene file, whose paths are relative to it; and what it made is a scene, too. No program of Windows starts in a
+    # folder whose path is as long as the last one.
+    (place / "pile.toml").write_text(run(RUNS, ["scene", *STICKS], desk).stdout)
     run(
         RUNS,
         ["bake", in_its_words(place / "pile.toml"), "--quiet", "--no-cache", "-o", in_its_words(place / "again.glb")],
@@ -167,7 +166,7 @@ def test_a_killed_server_resumes(desk):
     server.process.kill()
     server.process.wait()
     printed = bake.communicate(timeout=TIMEOUT_S)[1]
-    found = re.search(r"cairn watch ([0-9a-f]+)", printed)
+    found = re.search(r"`cairn watch ([0-9a-f]+)", printed)
     server = Server(desk)
     if bake.returncode != 0:
         assert found, printed
@@ -197,6 +196,7 @@ def small_disk(tmp_path):
     subprocess.run(["umount", place], check=True)
 
 
+@pytest.mark.skipif(ON_WINDOWS, reason="Wine reports no full disk to a program")
 def test_a_full_disk_is_named(desk, small_disk):
     printed = run(RUNS, ["bake", *STICKS, "--quiet", "--no-cache", "-o", small_disk / "pile.glb"], desk, code=75).stderr
     assert "pile.glb" in printed

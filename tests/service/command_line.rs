@@ -6,7 +6,7 @@ use crate::server::{
 use cairn::wire::proto::{BakeState, BakeStatus, DeleteBakeRequest, ListBakesRequest};
 use prost::Message;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 /// Runs `cairn LINE` in the folder of the example models.
 fn cairn(folder: &Path, line: &str) -> Output {
@@ -119,6 +119,28 @@ async fn ctrl_c_cancels_on_the_server() {
     assert_eq!(bake.wait().unwrap().code(), Some(130));
     assert_eq!(status(&mut connection, &id).await.state(), BakeState::Cancelled);
     assert!(!server.path("far.glb").exists());
+}
+
+/// A client whose server died says how to go on with the bake.
+#[tokio::test]
+async fn a_lost_server_may_come_back() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    cairn(server.folder(), "--version");
+    let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
+    let mut bake = Command::new(PROGRAM);
+    let bake = bake.args(line.split_whitespace()).current_dir(server.folder()).stderr(Stdio::piped()).spawn().unwrap();
+    let id = loop {
+        let bakes = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner().bakes;
+        if let Some(bake) = bakes.first().filter(|bake| bake.progress.is_some()) {
+            break bake.bake_id.clone();
+        }
+    };
+    server.signal("-KILL");
+    let done = bake.wait_with_output().unwrap();
+    let printed = String::from_utf8(done.stderr).unwrap();
+    assert_eq!(done.status.code(), Some(75), "{printed}");
+    assert!(printed.contains(&format!("`cairn watch {id} -o far.glb`")), "{printed}");
 }
 
 /// A file outside the folder that a link beside a model points to is not sent.

@@ -431,10 +431,20 @@ impl<'a> BakeFollower<'a> {
         }
     }
 
+    /// A server that is gone may come back, with the bake.
+    fn lost(&self, status: Status) -> Failure {
+        if status.code() != Code::Unavailable || self.id.is_empty() {
+            return status.into();
+        }
+        let output = self.delivery.output.map(|output| format!(" -o {}", output.display())).unwrap_or_default();
+        let remedy = format!("When it is back, `cairn watch {}{output}` goes on with the bake.", self.id);
+        Failure::TryAgain(Problem::new("the server", status.message(), remedy))
+    }
+
     /// Downloads the files and prints the summary.
     async fn end(mut self, ended: Result<String, Status>, server: &mut Connection) -> Result<Outcome, Failure> {
         self.reporter.finish(ended.is_ok());
-        let id = ended?;
+        let id = ended.map_err(|status| self.lost(status))?;
         let Delivery { output, format, report, progress } = *self.delivery;
         // What was made with the bake must be what its events describe.
         let own = server.status(&id).await?.format();

@@ -6,6 +6,7 @@ use crate::sim::glue::Joint;
 use crate::world::{BodyId, World};
 use cairn_statics::local::{Analyser, LocalContact, LocalProblem};
 use glam::DVec3;
+use std::collections::BTreeSet;
 
 /// A body is carried if its contacts give all but this share of its weight.
 const CARRIED: f64 = 0.02;
@@ -20,6 +21,8 @@ struct Support {
     mass: f64,
     radius: f64,
     center: DVec3,
+    /// Its place among all bodies, from the lowest upward.
+    rank: usize,
     /// Each with the other body; `None`: something that stays.
     contacts: Vec<(LocalContact, Option<BodyId>)>,
     /// Bodies that glue joints join it to; `None`: something that stays.
@@ -50,6 +53,9 @@ impl Supports {
                 bodies[other].glue.push(Some(joint.a).filter(|&a| comes(a)));
             }
         }
+        let mut upward: Vec<BodyId> = (0..bodies.len()).collect();
+        upward.sort_by(|&a, &b| bodies[a].center.y.total_cmp(&bodies[b].center.y).then(a.cmp(&b)));
+        upward.into_iter().enumerate().for_each(|(rank, id)| bodies[id].rank = rank);
         Supports { bodies }
     }
 
@@ -61,6 +67,27 @@ impl Supports {
         all.sort_unstable();
         all.dedup();
         all
+    }
+
+    /// The bodies that are connected with this one by contacts and glue among what is there, ascending, if none of them
+    /// reaches anything that stays: they float. Empty where they do not, or where this body is not there.
+    pub fn floating(&self, id: BodyId, is_there: &dyn Fn(BodyId) -> bool) -> Vec<BodyId> {
+        if !is_there(id) {
+            return Vec::new();
+        }
+        let mut met = BTreeSet::from([id]);
+        // The lowest one first: that is the way to the ground.
+        let mut next = BTreeSet::from([(self.bodies[id].rank, id)]);
+        while let Some((_, one)) = next.pop_first() {
+            let support = &self.bodies[one];
+            for other in support.contacts.iter().map(|(_, other)| other).chain(&support.glue) {
+                let Some(other) = *other else { return Vec::new() };
+                if is_there(other) && met.insert(other) {
+                    next.insert((self.bodies[other].rank, other));
+                }
+            }
+        }
+        met.into_iter().collect()
     }
 
     /// Normals of the contacts of a body with what is there, into it.

@@ -37,7 +37,7 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use sample::Source;
 use search::{Arrival, Search};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A spout is above the mean of the places of this share of the bodies before and after each.
 const AT_ABOUT: f64 = 0.1;
@@ -238,11 +238,11 @@ fn is_comer(world: &World, id: BodyId) -> bool {
 fn held_impulse(search: &Search, comers: &[(BodyId, Arrival)], lands: &[f64], comes: &dyn Fn(BodyId) -> bool) -> f64 {
     let bodies = search.world.bodies().len();
     let mut is_there: Vec<bool> = (0..bodies).map(|id| !comes(id)).collect();
-    // Bodies that are not carried: the share of the weight that is missing.
-    let mut falling: BTreeMap<BodyId, f64> = BTreeMap::new();
+    // Bodies that are not carried: the share of the weight that is missing. And those that nothing connects to what stays.
+    let (mut falling, mut floating) = (BTreeMap::<BodyId, f64>::new(), BTreeSet::new());
     let mut analyser = Analyser::new();
     let mut held = 0.0;
-    for (k, (id, _)) in comers.iter().enumerate() {
+    for (k, (id, arrival)) in comers.iter().enumerate() {
         is_there[*id] = true;
         let touched = search.supports.neighbours(*id).into_iter().filter(|other| falling.contains_key(other));
         for one in touched.chain([*id]).collect::<Vec<_>>() {
@@ -251,8 +251,23 @@ fn held_impulse(search: &Search, comers: &[(BodyId, Arrival)], lands: &[f64], co
                 share => falling.insert(one, share),
             };
         }
+        let own = search.supports.floating(*id, &|other| is_there[other]);
+        if own.is_empty() {
+            // It connects what floated at it to what stays.
+            let mut next = vec![*id];
+            while let Some(one) = next.pop() {
+                let others = search.supports.neighbours(one).into_iter();
+                next.extend(others.filter(|other| floating.remove(other)));
+            }
+        } else {
+            // What floats gives no impulse of its own.
+            held += arrival.momentum - arrival.guided;
+            floating.extend(own);
+        }
         let until = lands.get(k + 1).map_or(0.0, |next| next - lands[k]);
-        held += until * falling.iter().map(|(&id, share)| share * search.world.bodies()[id].mass).sum::<f64>();
+        let mass = |id: &BodyId| search.world.bodies()[*id].mass;
+        let leaning = falling.iter().filter(|(id, _)| !floating.contains(id)).map(|(id, share)| share * mass(id));
+        held += until * (leaning.sum::<f64>() + floating.iter().map(mass).sum::<f64>());
     }
     held
 }

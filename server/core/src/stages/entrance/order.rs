@@ -51,7 +51,7 @@ pub fn plan(
             unknown.into_iter().zip(found).for_each(|(id, found)| known[id] = Some(found));
             for id in chunk.iter().map(|&k| window[k]) {
                 let Some(Some(arrival)) = &known[id] else { continue };
-                let falls = falling(search, id, &is_left, &mut carried, &mut analyser);
+                let falls = falling(search, id, &is_left, &fallen, &mut carried, &mut analyser);
                 // What holds a body that has fallen is not spared by waiting.
                 let guided = if fallen.contains(&id) { 0.0 } else { arrival.guided / arrival.momentum };
                 let cut = if arrival.passage.is_clear() { 0.0 } else { arrival.passage.cut };
@@ -76,6 +76,7 @@ pub fn plan(
             if search.supports.falls(other, &|id| is_left[id], &mut analyser) > 0.0 {
                 fallen.insert(other);
             }
+            fallen.extend(search.supports.floating(other, &|id| is_left[id]));
             // A free way stays free; another one is needed where less stops the body.
             if let Some(Some(found)) = &mut known[other] {
                 search.weighed(other, &|id| is_left[id], found, &mut analyser);
@@ -99,25 +100,29 @@ fn forget(known: &mut Option<Option<Arrival>>, may_be_better: impl Fn(&Arrival) 
     }
 }
 
-/// What falls without this body, of what is carried now: shares of the bodies' weights, summed.
+/// What falls without this body, of what is carried now: shares of the bodies' weights, summed. `fallen`: those known to
+/// fall already.
 fn falling(
     search: &Search,
     without: BodyId,
     is_left: &[bool],
+    fallen: &BTreeSet<BodyId>,
     carried: &mut [Option<bool>],
     analyser: &mut Analyser,
 ) -> f64 {
-    let mut falls = 0.0;
-    for other in search.supports.neighbours(without).into_iter().filter(|&other| is_left[other]) {
+    let (mut falls, mut float) = (0.0, BTreeSet::new());
+    let stands = |id: &BodyId| is_left[*id] && !fallen.contains(id);
+    for other in search.supports.neighbours(without).into_iter().filter(stands) {
         let is_carried = match carried[other] {
             Some(known) => known,
             None => search.supports.falls(other, &|id| is_left[id], analyser) == 0.0,
         };
         carried[other] = Some(is_carried);
         let stays = |id: BodyId| is_left[id] && id != without;
-        if is_carried {
+        if is_carried && !float.contains(&other) {
             falls += search.supports.falls(other, &stays, analyser);
+            float.extend(search.supports.floating(other, &stays));
         }
     }
-    falls
+    falls + float.len() as f64
 }
