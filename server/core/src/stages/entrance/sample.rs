@@ -23,7 +23,7 @@ const STEEPEST: f64 = 1.35;
 const LEAP: f64 = 0.45;
 const LEAP_STEP: f64 = 0.1;
 /// The fastest way in, in speeds of a fall from the height at which bodies appear.
-pub const FASTEST: f64 = 4.0;
+pub const FASTEST: f64 = 2.5;
 
 /// Where bodies come from. Engine units.
 pub struct Source {
