@@ -3,6 +3,7 @@
 pub mod closed_mesh;
 pub mod contact;
 pub mod crossing;
+pub mod hull;
 pub mod interior;
 pub mod mesh;
 pub mod pose;

@@ -5,12 +5,12 @@
 //! flat too; [`SolidSource`] says which.
 
 use super::extent::{bounding_sphere, smallest_extent};
+use crate::geometry::hull::convex_hull;
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::geometry::{HOLLOW, SINGLE_PRECISION};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
-use rapier3d::parry;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -161,6 +161,6 @@ fn spread(points: &[DVec3], n: usize) -> Vec<DVec3> {
 /// Convex hull; empty if there is none. The engine's hull works in single precision: it sees the unit ball.
 fn hull(points: &[DVec3], middle: DVec3, radius: f64) -> TriMesh {
     let unit: Vec<_> = points.iter().map(|&p| ((p - middle) / radius).as_vec3()).collect();
-    let Ok((points, triangles)) = parry::transformation::try_convex_hull(&unit) else { return TriMesh::default() };
+    let Some((points, triangles)) = convex_hull(&unit) else { return TriMesh::default() };
     TriMesh { points: points.iter().map(|p| middle + p.as_dvec3() * radius).collect(), triangles }
 }

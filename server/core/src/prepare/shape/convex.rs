@@ -1,6 +1,7 @@
 //! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh. What is chosen is
 //! then simplified from outside.
 
+use crate::geometry::hull::convex_hull;
 use crate::geometry::interior::MeshInterior;
 use crate::geometry::mesh::TriMesh;
 use crate::input::params::{Physics, Switch};
@@ -13,7 +14,7 @@ use rapier3d::parry::partitioning::BvhNode;
 use rapier3d::parry::query::PointQuery;
 use rapier3d::parry::shape::TriMesh as EngineMesh;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
-use rapier3d::parry::transformation::{convex_hull, try_convex_hull, voxelization::FillMode};
+use rapier3d::parry::transformation::voxelization::FillMode;
 use std::cell::OnceCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -193,15 +194,9 @@ pub(super) fn split(params: &VHACDParameters, points: &[Vector], triangles: &[[u
     Some(parts.ok()?.into_iter().map(|(points, _)| points).collect())
 }
 
-/// Corners and triangles of the hull. `None` where the points have none: flat, fewer than four, or a panic of the
-/// library.
-fn hull(points: &[Vector]) -> Option<(Vec<Vector>, Vec<[u32; 3]>)> {
-    catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))).ok()?.ok()
-}
-
 /// Corners of the hull, or the points themselves where they have none.
 fn hull_points(points: &[Vector]) -> Vec<Vector> {
-    hull(points).map_or_else(|| points.to_vec(), |(corners, _)| corners)
+    convex_hull(points).map_or_else(|| points.to_vec(), |(corners, _)| corners)
 }
 
 /// At most [`SKETCH_POINTS`] of a hull's corners: from the extreme ones along the axes on, always the one farthest
@@ -247,7 +242,7 @@ pub(super) fn reduced(points: &[Vector], tolerance: f32) -> Vec<Vector> {
 /// The hull of some points as a closed mesh.
 pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
     let near: Vec<Vector> = points.iter().map(|p| p.as_vec3()).collect();
-    let Some((corners, triangles)) = hull(&near) else { return TriMesh::default() };
+    let Some((corners, triangles)) = convex_hull(&near) else { return TriMesh::default() };
     TriMesh { points: corners.into_iter().map(|p| p.as_dvec3()).collect(), triangles }
 }
 
@@ -258,7 +253,7 @@ fn deviation(mesh: &EngineMesh, is_inside: impl Fn(Vector) -> bool, parts: &[Par
         .iter()
         .filter_map(|Part { coarse, .. }| {
             let hull = Hull::new(coarse)?;
-            let (points, triangles) = convex_hull(coarse);
+            let (points, triangles) = convex_hull(coarse)?;
             Some((hull, EngineMesh::new(points, triangles).ok()?))
         })
         .collect();

@@ -262,6 +262,7 @@ fn holding(places: Vec<DVec3>, all: &[DVec3]) -> Option<Vec<Vector>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::hull::tests::BOX_PART;
 
     /// Points on an ellipsoid, on a rounded slice, and the corners of a prism.
     fn clouds() -> Vec<Vec<Vector>> {
@@ -305,6 +306,17 @@ mod tests {
                 let is_full = corners.len() > 90 && gap < 0.016;
                 assert!(gap <= tolerance * 1.001 || is_full, "cloud {cloud}, {tolerance}: {gap}, {}", corners.len());
             }
+        }
+    }
+
+    #[test]
+    fn corners_that_are_nearly_on_a_line_lead_to_no_spike() {
+        let points = BOX_PART.map(Vector::from_array);
+        for skin in [0.0, 0.0015] {
+            let (corners, gap) = enclosing(&points, Margin { tolerance: 0.0, skin, most: 40 }).unwrap();
+            let far = |c: &Vector| points.iter().map(|p| p.distance(*c)).fold(f32::INFINITY, f32::min);
+            let farthest = corners.iter().map(far).fold(0.0, f32::max);
+            assert!(gap < 0.005 && farthest < 0.005, "skin {skin}: {gap}, {farthest}");
         }
     }
 

@@ -4,6 +4,7 @@
 //! them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
 
 use crate::geometry::SINGLE_ROUNDING;
+use crate::geometry::hull::convex_hull;
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
 use rapier3d::parry::mass_properties::MassProperties;
@@ -11,7 +12,6 @@ use rapier3d::parry::query::{PointProjection, PointQuery, Ray, RayCast, RayInter
 use rapier3d::parry::shape::{
     ConvexPolyhedron, FeatureId, PackedFeatureId, PolygonalFeatureMap, Shape, ShapeType, SupportMap, TypedShape,
 };
-use rapier3d::parry::transformation::try_convex_hull;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -99,7 +99,7 @@ impl Hull {
     pub fn new(points: &[Vector]) -> Option<Hull> {
         // The library panics on some dirty points.
         let hull = || {
-            let (points, triangles) = try_convex_hull(points).ok()?;
+            let (points, triangles) = convex_hull(points)?;
             Some((facets(&points, &triangles), ConvexPolyhedron::from_convex_mesh(points, &triangles)?))
         };
         let (facets, solid) = catch_unwind(AssertUnwindSafe(hull)).ok()??;

@@ -238,7 +238,8 @@ fn is_comer(world: &World, id: BodyId) -> bool {
 fn held_impulse(search: &Search, comers: &[(BodyId, Arrival)], lands: &[f64], comes: &dyn Fn(BodyId) -> bool) -> f64 {
     let bodies = search.world.bodies().len();
     let mut is_there: Vec<bool> = (0..bodies).map(|id| !comes(id)).collect();
-    // Bodies that are not carried: the share of the weight that is missing. And those that nothing connects to what stays.
+    // Bodies that are not carried: the share of the weight that is missing; and those that nothing connects to what
+    // stays.
     let (mut falling, mut floating) = (BTreeMap::<BodyId, f64>::new(), BTreeSet::new());
     let mut analyser = Analyser::new();
     let mut held = 0.0;

@@ -100,8 +100,8 @@ fn forget(known: &mut Option<Option<Arrival>>, may_be_better: impl Fn(&Arrival) 
     }
 }
 
-/// What falls without this body, of what is carried now: shares of the bodies' weights, summed. `fallen`: those known to
-/// fall already.
+/// What falls without this body, of what is carried now: shares of the bodies' weights, summed. `fallen`: those known
+/// to fall already.
 fn falling(
     search: &Search,
     without: BodyId,

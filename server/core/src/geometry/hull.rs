@@ -1,0 +1,98 @@
+//! The convex hull by the geometry library, checked: where several points are nearly on a line or in a plane, it may
+//! leave out a corner, and what it returns is not convex.
+
+use glam::{DQuat, EulerRot};
+use rapier3d::math::Vector;
+use rapier3d::parry::transformation::try_convex_hull;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// A point may be so far outside of a hull, in the size of the points: rounding.
+const OUTSIDE: f32 = 1e-4;
+/// A triangle that is narrower, in the size of the points, has no normal to check by.
+const SLIVER: f32 = 1e-3;
+/// Rotations in which it is tried again.
+const ROTATIONS: u32 = 8;
+
+type Triangles = Vec<[u32; 3]>;
+
+/// Corners and triangles of the hull; of several that are not convex, the one that is least so. `None` where the points
+/// have none: flat, fewer than four, not finite, or a panic of the library.
+pub fn convex_hull(points: &[Vector]) -> Option<(Vec<Vector>, Triangles)> {
+    let first = library_hull(points);
+    let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f32::max);
+    let mut least = match &first {
+        Some((corners, triangles)) => outside(points, corners, triangles, size),
+        None => return None,
+    };
+    let mut best = first;
+    for k in 1..=ROTATIONS {
+        if least <= OUTSIDE * size {
+            break;
+        }
+        let turns = [0.7, 1.1, 1.9].map(|turn| turn * f64::from(k));
+        let turn = DQuat::from_euler(EulerRot::XYZ, turns[0], turns[1], turns[2]);
+        let turned: Vec<Vector> = points.iter().map(|p| (turn * p.as_dvec3()).as_vec3()).collect();
+        let Some((corners, triangles)) = library_hull(&turned) else { continue };
+        // Its corners are some of the points it was given.
+        let own = |corner: &Vector| turned.iter().position(|p| p == corner).map(|i| points[i]);
+        let Some(corners) = corners.iter().map(own).collect::<Option<Vec<Vector>>>() else { continue };
+        let found = outside(points, &corners, &triangles, size);
+        if found < least {
+            (least, best) = (found, Some((corners, triangles)));
+        }
+    }
+    best
+}
+
+fn library_hull(points: &[Vector]) -> Option<(Vec<Vector>, Triangles)> {
+    catch_unwind(AssertUnwindSafe(|| try_convex_hull(points))).ok()?.ok()
+}
+
+/// How far a point is outside of a triangle's plane at most.
+fn outside(points: &[Vector], corners: &[Vector], triangles: &[[u32; 3]], size: f32) -> f32 {
+    let mut farthest = 0.0f32;
+    for t in triangles {
+        let [a, b, c] = t.map(|i| corners[i as usize]);
+        let area = (b - a).cross(c - a);
+        let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+        let Some(normal) = area.try_normalize().filter(|_| area.length() > SLIVER * size * longest) else { continue };
+        let height = a.dot(normal);
+        farthest = points.iter().map(|p| p.dot(normal) - height).fold(farthest, f32::max);
+    }
+    farthest
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// A part of an open box with its lid: three of its corners are on a line but for rounding.
+    pub const BOX_PART: [[f32; 3]; 15] = [
+        [0.6320092, 0.077140376, 0.6290108],
+        [0.6320092, 0.077140376, 0.5914095],
+        [0.6201327, 0.09771114, 0.6290108],
+        [0.6162124, 0.077140376, 0.5914095],
+        [0.5610992, 0.077140376, 0.6290108],
+        [0.5610992, 0.077140376, 0.61016226],
+        [0.5605534, 0.078085765, 0.6290108],
+        [0.54328436, 0.10799652, 0.61016226],
+        [0.364787, 0.5399826, 0.6290108],
+        [0.364787, 0.5399826, 0.5914095],
+        [0.34899023, 0.5399826, 0.5914095],
+        [0.30575353, 0.51941186, 0.6290108],
+        [0.2998153, 0.52969724, 0.6290108],
+        [0.29387704, 0.5399826, 0.6290108],
+        [0.29387704, 0.5399826, 0.61016226],
+    ];
+
+    #[test]
+    fn corners_that_are_nearly_on_a_line_are_not_left_out() {
+        // In the order of a hull's corners, of which some are in the middle of edges.
+        let kept = [0, 1, 8, 13, 4, 9, 7, 14, 5, 10, 3, 11, 2];
+        let points = kept.map(|i| Vector::from_array(BOX_PART[i]));
+        let size = points.iter().map(|p| p.distance(points[0])).fold(0.0, f32::max);
+        let far = |(corners, triangles): (Vec<Vector>, Triangles)| outside(&points, &corners, &triangles, size);
+        assert!(far(library_hull(&points).unwrap()) > 0.01, "the library is right now: this file can go");
+        assert!(far(convex_hull(&points).unwrap()) < 1e-5);
+    }
+}
