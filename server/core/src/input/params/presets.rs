@@ -51,7 +51,7 @@ impl Accuracy {
             glue_joints_factor: 1.0,
             shapes_like: Accuracy::Standard,
             overlaps: [[0.0056, 0.019], [0.0012, 0.0]],
-            expected_errors: [0.039, 0.05],
+            expected_errors: [0.039, 0.028],
             speed_error: 0.002,
         };
         match self {
@@ -68,14 +68,14 @@ impl Accuracy {
                 glue_joints_factor: 2.1,
                 shapes_like: Accuracy::Draft,
                 overlaps: [[0.022, 0.055], [0.0012, 0.0]],
-                expected_errors: [0.049, 0.095],
+                expected_errors: [0.049, 0.071],
                 speed_error: 0.0047,
             },
             Accuracy::Preview => AccuracyTraits {
                 measures_support: false,
                 fill_cost_factor: 0.42,
                 overlaps: [[0.012, 0.026], [0.0012, 0.0]],
-                expected_errors: [0.055, 0.064],
+                expected_errors: [0.055, 0.046],
                 speed_error: 0.0029,
                 ..STANDARD
             },
