@@ -99,8 +99,8 @@ def test_paths(folder, desk):
     run(RUNS, ["bake", *inputs, *STICKS[4:], "--quiet", "--no-cache", "-o", in_its_words(place / "pile.glb")], desk)
     run([OWN], ["bake", *STICKS, "--quiet", "--no-cache", "-o", desk / "own.glb"], desk)
     assert (place / "pile.glb").read_bytes() == (desk / "own.glb").read_bytes()
-    # As a scene file, whose paths are relative to it; and what it made is a scene, too. No program of Windows starts in a
-    # folder whose path is as long as the last one.
+    # As a scene file, whose paths are relative to it; and what it made is a scene, too. No program of Windows starts in
+    # a folder whose path is as long as the last one.
     (place / "pile.toml").write_text(run(RUNS, ["scene", *STICKS], desk).stdout)
     run(
         RUNS,
