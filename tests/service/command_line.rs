@@ -3,10 +3,11 @@
 use crate::server::{
     PROGRAM, Server, accepted_id, asset, begin, content, endless, events, request, sha256, short, status, until,
 };
+use cairn::client::Connection;
 use cairn::wire::proto::{BakeState, BakeStatus, DeleteBakeRequest, ListBakesRequest};
 use prost::Message;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Child, Command, Output, Stdio};
 
 /// Runs `cairn LINE` in the folder of the example models.
 fn cairn(folder: &Path, line: &str) -> Output {
@@ -99,22 +100,27 @@ async fn cancel_from_elsewhere() {
     assert_eq!(done.status.code(), Some(130));
 }
 
+/// A client with a bake of hours on the server, which runs: its process and its id.
+async fn long_bake(server: &Server, connection: &mut Connection) -> (Child, String) {
+    cairn(server.folder(), "--version");
+    let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
+    let mut bake = Command::new(PROGRAM);
+    let bake = bake.args(line.split_whitespace()).current_dir(server.folder()).stderr(Stdio::piped()).spawn().unwrap();
+    let id = loop {
+        let bakes = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner().bakes;
+        if let Some(status) = bakes.first().filter(|bake| bake.progress.is_some()) {
+            break status.bake_id.clone();
+        }
+    };
+    (bake, id)
+}
+
 /// Ctrl-C ends the bake where it runs.
 #[tokio::test]
 async fn ctrl_c_cancels_on_the_server() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
-    cairn(server.folder(), "--version");
-    let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
-    let mut bake = Command::new(PROGRAM);
-    let mut bake = bake.args(line.split_whitespace()).current_dir(server.folder()).spawn().unwrap();
-    let list = || ListBakesRequest::default();
-    let id = loop {
-        let bakes = connection.service.list_bakes(list()).await.unwrap().into_inner().bakes;
-        if let Some(bake) = bakes.first().filter(|bake| bake.progress.is_some()) {
-            break bake.bake_id.clone();
-        }
-    };
+    let (mut bake, id) = long_bake(&server, &mut connection).await;
     assert!(Command::new("kill").args(["-INT", &bake.id().to_string()]).status().unwrap().success());
     assert_eq!(bake.wait().unwrap().code(), Some(130));
     assert_eq!(status(&mut connection, &id).await.state(), BakeState::Cancelled);
@@ -126,16 +132,7 @@ async fn ctrl_c_cancels_on_the_server() {
 async fn a_lost_server_may_come_back() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
-    cairn(server.folder(), "--version");
-    let line = format!("bake {SCENE} --set physics.step_natural=0.000001 -o far.glb --server {}", server.addresses[0]);
-    let mut bake = Command::new(PROGRAM);
-    let bake = bake.args(line.split_whitespace()).current_dir(server.folder()).stderr(Stdio::piped()).spawn().unwrap();
-    let id = loop {
-        let bakes = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner().bakes;
-        if let Some(bake) = bakes.first().filter(|bake| bake.progress.is_some()) {
-            break bake.bake_id.clone();
-        }
-    };
+    let (bake, id) = long_bake(&server, &mut connection).await;
     server.signal("-KILL");
     let done = bake.wait_with_output().unwrap();
     let printed = String::from_utf8(done.stderr).unwrap();
