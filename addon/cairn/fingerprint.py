@@ -15,6 +15,7 @@ def of(scene):
     tops = [settings.control_mesh, settings.region, settings.drop_mesh, *request.colliders_of(settings)]
     tops += [source for source, _ in request.props_of(settings)]
     tops += [*request.objects_of(settings.keep), *request.objects_of(settings.impact)]
+    tops += [settings.entrance_source, settings.entrance_curve]
     objects = [member for top in tops if top for member in (top, *top.children_recursive)]
     if len(objects) > MAX_OBJECTS:
         return None

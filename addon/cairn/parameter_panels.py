@@ -3,7 +3,7 @@
 import bpy
 from bpy.types import Panel
 
-from . import starters
+from . import placed, starters
 from .following import is_running
 from .layouts import wrapped
 from .panels import Pile, draw_field, draw_optional
@@ -200,6 +200,15 @@ class CAIRN_PT_entrance(_Parameters, Panel):
     @classmethod
     def poll(cls, _):
         return knows("Entrance")
+
+    def draw(self, context):
+        super().draw(context)
+        settings = context.scene.cairn
+        column = self.layout.column()
+        if placed.comes_from_a_place(settings):
+            column.prop(settings, "entrance_source")
+        if placed.follows_a_line(settings):
+            column.prop(settings, "entrance_curve")
 
 
 class CAIRN_PT_output(_Parameters, Panel):

@@ -1,6 +1,7 @@
 """Parts of a scene besides the fill: moving scenery, a region, bodies that stay, are thrown or drop in."""
 
 import numpy as np
+from mathutils.geometry import interpolate_bezier
 
 from . import axes, keyframes
 from .client import Problem
@@ -11,6 +12,8 @@ from .schema import knows
 SAME_SCALE = 1e-3
 # Frames that are read before Blender may draw.
 BATCH = 8
+# Points of a curve between two of its own.
+PIECES = 16
 
 
 def is_animated(source):
@@ -31,6 +34,30 @@ def moving(context, colliders):
     view = set(context.view_layer.objects)
     # Blender does not evaluate hidden objects.
     return [source for source in colliders if is_animated(source) and source in view and source.visible_get()]
+
+
+def comes_from_a_place(settings):
+    """Whether bodies that come in come from one place."""
+    entrance = settings.entrance
+    return entrance.use_kind and entrance.kind in ("POUR", "THROW")
+
+
+def follows_a_line(settings):
+    """Whether bodies that come in land along a line."""
+    entrance = settings.entrance
+    is_used = entrance.use_kind and entrance.kind != "NONE"
+    return is_used and entrance.use_order and entrance.order == "ALONG"
+
+
+def line_of(curve):
+    """Points of the first spline of a curve, in the scene's space."""
+    spline = next(iter(curve.data.splines), None)
+    if spline is None:
+        return []
+    points = [point.co.to_3d() for point in spline.points]
+    for left, right in zip(spline.bezier_points, spline.bezier_points[1:]):
+        points += interpolate_bezier(left.co, left.handle_right, right.handle_left, right.co, PIECES)
+    return [curve.matrix_world @ point for point in points]
 
 
 class Extras:
@@ -75,6 +102,19 @@ class Extras:
             )
             drops.velocity.extend(velocity(settings.drop_velocity))
             drops.start_frame = self._frame(settings.drop_frame)
+
+    def add_entrance(self):
+        """Where bodies that come in come from, and the line that they follow."""
+        if not knows("Entrance"):
+            return
+        settings, entrance = self.settings, self.scene_message.entrance
+        source, curve = settings.entrance_source, settings.entrance_curve
+        if source and comes_from_a_place(settings):
+            place = np.array(source.matrix_world.translation)
+            entrance.source.extend(axes.points_to_server(place, self.exporter.metres).tolist())
+        points = line_of(curve) if curve and follows_a_line(settings) else []
+        if len(points) > 1:
+            entrance.curve.extend(axes.points_to_server(np.array(points), self.exporter.metres).ravel().tolist())
 
     def add_bodies(self, keep, impact):
         """Objects that stay, and objects that are thrown."""

@@ -23,6 +23,10 @@ def _is_solid(_, source):
     return source.type == "MESH"
 
 
+def _is_curve(_, source):
+    return source.type == "CURVE"
+
+
 def _is_placed(_, source):
     return source.type not in {"CAMERA", "LIGHT", "SPEAKER", "LIGHT_PROBE"}
 
@@ -287,6 +291,17 @@ class CairnSettings(PropertyGroup):
     drop_count: IntProperty(name="Count", description="Total number of dropped props", default=100, min=1, max=100000)
     drop_velocity: FloatVectorProperty(
         name="Velocity (m/s)", description="Initial velocity of the dropped props along X, Y and Z", precision=2
+    )
+    entrance_source: PointerProperty(
+        name="Comes From",
+        description="Object out of whose origin bodies pour or are thrown, such as an empty at the rim of a tipped jar",
+        type=bpy.types.Object,
+    )
+    entrance_curve: PointerProperty(
+        name="Follows",
+        description="Curve along which bodies land, instead of along the longer side of the pile",
+        type=bpy.types.Object,
+        poll=_is_curve,
     )
     use_ground: BoolProperty(
         name="Ground",

@@ -21,6 +21,16 @@ struct Args {
     folder: Option<PathBuf>,
 }
 
+/// A piece of chess, 1 m high.
+fn pawn() -> Vec<[f64; 2]> {
+    let foot = [[0.36, 0.0], [0.36, 0.12], [0.27, 0.2], [0.21, 0.32], [0.185, 0.46], [0.2, 0.58], [0.27, 0.62]];
+    let head = (0..=8).map(|k| {
+        let angle = f64::from(k) / 8.0 * 2.4 - 0.83;
+        [0.23 * angle.cos(), 0.8 + 0.23 * angle.sin()]
+    });
+    foot.into_iter().chain(head.take(8)).chain([[0.0, 1.03]]).collect()
+}
+
 fn main() -> std::io::Result<()> {
     let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
     let folder = Args::parse().folder.unwrap_or(default);
@@ -45,6 +55,7 @@ fn main() -> std::io::Result<()> {
         ("letter-t", letter_t(1.2)),
         // For bananas and books.
         ("mound", dome(0.4, 0.3)),
+        ("pawn", revolved(&pawn())),
         ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
         // For what is stacked.
         ("shelf", block([1.6, 1.0, 0.6], "control")),

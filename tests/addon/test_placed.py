@@ -179,3 +179,34 @@ def test_a_stacked_fill_is_as_tidy_as_the_slider_says(placing):
     settings.arrangement.layout, settings.arrangement.descending = "CLUSTERS", True
     fill = take(bpy.context).spec.scene.fill
     assert fill.layout and not fill.HasField("descending")
+
+
+def test_bodies_come_from_an_empty_and_follow_a_curve(placing):
+    if not placing.addon("schema").knows("Entrance"):
+        pytest.skip("the schema has no entrance")
+    spout = bpy.data.objects.new("Spout", None)
+    spout.location = (1.5, 0.25, 2.0)
+    data = bpy.data.curves.new("Line", "CURVE")
+    spline = data.splines.new("BEZIER")
+    spline.bezier_points.add(1)
+    for point, x in zip(spline.bezier_points, (1.0, -1.0)):
+        point.co = (x, 0, 0)
+        point.handle_left_type = point.handle_right_type = "VECTOR"
+    line = bpy.data.objects.new("Line", data)
+    for source in (spout, line):
+        bpy.context.scene.collection.objects.link(source)
+    line.location.z = 0.5
+    bpy.context.view_layer.update()
+    entrance = placing.settings.entrance
+    entrance.use_kind, entrance.kind = True, "POUR"
+    entrance.use_duration, entrance.duration = True, 1.0
+    made = placing.bake(entrance_source=spout, entrance_curve=line)
+    asked = placing.request.spec.scene.entrance
+    assert list(asked.source) == pytest.approx([1.5, 2.0, -0.25])
+    assert not asked.curve, "another order"
+    assert len(bodies_of(made)) > 10
+    entrance.use_order, entrance.order = True, "ALONG"
+    placing.bake(entrance_source=spout, entrance_curve=line)
+    curve = np.array(placing.request.spec.scene.entrance.curve).reshape(-1, 3)
+    assert len(curve) == 16
+    assert curve[[0, -1]] == pytest.approx(np.array([[1.0, 0.5, 0.0], [-1.0, 0.5, 0.0]]), abs=1e-6)

@@ -63,6 +63,7 @@ impl Schema {
 fn type_of(parameter: &Parameter) -> String {
     let one = match &parameter.value {
         Value::Number => "f64".into(),
+        Value::Numbers => "Vec<f64>".into(),
         Value::Count { bits } => format!("u{bits}"),
         Value::Flag => "bool".into(),
         Value::FlagOrAuto => "Switch".into(),
@@ -78,6 +79,7 @@ fn default(parameter: &Parameter) -> String {
     match value {
         _ if *is_optional => "None".into(),
         Value::Number => format!("{default}_f64"),
+        Value::Numbers => "Vec::new()".into(),
         Value::Count { .. } | Value::Flag => default.clone(),
         Value::FlagOrAuto => "Switch::Auto".into(),
         Value::Choice(of) => format!("{}::{}", of.name(), camel(default)),
@@ -95,15 +97,17 @@ fn default(parameter: &Parameter) -> String {
 fn row(group: &Group, parameter: &Parameter) -> Option<String> {
     let Range { low, is_low_excluded, high } = parameter.range.as_ref()?;
     let place = group.place("self", &parameter.name);
+    let low = format!("Bound::{}({low}_f64)", if *is_low_excluded { "Excluded" } else { "Included" });
+    let high = high.as_ref().map_or("Bound::Unbounded".into(), |high| format!("Bound::Included({high}_f64)"));
+    let range = format!("({low}, {high})");
     let value = match &parameter.value {
         Value::Number | Value::Moment if type_of(parameter) == "Option<f64>" => place,
         Value::Number => format!("Some({place})"),
+        Value::Numbers => format!("outside(&{place}, {range})"),
         Value::Count { bits: 32 } if parameter.is_optional => format!("{place}.map(f64::from)"),
         Value::Count { bits: 32 } => format!("Some(f64::from({place}))"),
         Value::Measure(_) => format!("Some({place}.number())"),
         _ => return None,
     };
-    let low = format!("Bound::{}({low}_f64)", if *is_low_excluded { "Excluded" } else { "Included" });
-    let high = high.as_ref().map_or("Bound::Unbounded".into(), |high| format!("Bound::Included({high}_f64)"));
-    Some(format!("(\"{}\", {value}, ({low}, {high})),\n", group.place("", &parameter.name)))
+    Some(format!("(\"{}\", {value}, {range}),\n", group.place("", &parameter.name)))
 }

@@ -53,6 +53,8 @@ struct Parameter {
 
 enum Value {
     Number,
+    /// As many as there are; none if it is not set.
+    Numbers,
     /// Signed on the wire, unsigned in the core.
     Count {
         bits: u32,
@@ -132,7 +134,11 @@ impl Group {
 }
 
 fn parameters(message: &MessageDescriptor) -> Vec<Parameter> {
-    let single = message.fields().filter(|field| !field.is_list() && !matches!(field.kind(), Kind::Message(_)));
+    let is_plain = |field: &FieldDescriptor| match field.kind() {
+        Kind::Message(_) => false,
+        kind => !field.is_list() || matches!(kind, Kind::Double),
+    };
+    let single = message.fields().filter(is_plain);
     let single = single.filter(|field| !is_deprecated(field) && !is_text(field));
     let (one_of, alone): (Vec<_>, Vec<_>) = single.partition(|field| choice(field).is_some());
     let mut parameters: Vec<Parameter> = alone.iter().map(parameter).collect();
@@ -158,6 +164,7 @@ fn parameter(field: &FieldDescriptor) -> Parameter {
     let default = stated(&comment, "Default: ");
     let is_absent = default.starts_with("not set");
     let value = match field.kind() {
+        Kind::Double if field.is_list() => Value::Numbers,
         Kind::Double => Value::Number,
         Kind::Int32 => Value::Count { bits: 32 },
         Kind::Int64 => Value::Count { bits: 64 },
@@ -166,7 +173,7 @@ fn parameter(field: &FieldDescriptor) -> Parameter {
         Kind::Enum(of) => Value::Choice(of),
         kind => panic!("{}: no parameter is a {kind:?}", field.full_name()),
     };
-    let is_optional = is_absent && !matches!(value, Value::FlagOrAuto);
+    let is_optional = is_absent && !matches!(value, Value::FlagOrAuto | Value::Numbers);
     Parameter { name: field.name().into(), value, is_optional, default, range: Range::of(&comment), comment }
 }
 

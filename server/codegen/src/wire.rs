@@ -18,8 +18,9 @@ impl Schema {
         code.push_str("/// The values that a scene sets.\n");
         code.push_str("pub fn set_all(params: &mut Params, scene: &proto::Scene, counts: &mut Counts) {\n");
         for group in &self.groups {
-            // Messages with text cannot be copied.
-            let clone = if group.message.fields().any(|field| is_text(&field)) { ".clone()" } else { "" };
+            // Messages with text or lists cannot be copied.
+            let is_long = |field: FieldDescriptor| is_text(&field) || field.is_list();
+            let clone = if group.message.fields().any(is_long) { ".clone()" } else { "" };
             let given = format!("scene.{}{clone}.unwrap_or_default()", group.wire);
             let given = if group.wire.is_empty() { "scene" } else { &given };
             writeln!(code, "let given = {given};").unwrap();
@@ -76,6 +77,7 @@ fn from(code: &mut String, group: &Group, parameter: &Parameter) {
     let name = &parameter.name;
     let given = match &parameter.value {
         Value::Number | Value::Flag => format!("given.{name}"),
+        Value::Numbers => format!("(!given.{name}.is_empty()).then(|| given.{name}.clone())"),
         Value::Count { .. } => format!("given.{name}.map(|n| counts.natural(\"{}\", n))", group.place("", name)),
         Value::FlagOrAuto => format!("given.{name}.map(|on| if on {{ Switch::On }} else {{ Switch::Off }})"),
         Value::Choice(_) => format!("given.{name}().into()"),
@@ -109,6 +111,7 @@ fn to(code: &mut String, group: &Group, parameter: &Parameter) {
         Value::Number if is_optional => place,
         Value::Count { .. } if is_optional => format!("{place}.map(signed)"),
         Value::Number | Value::Flag => format!("Some({place})"),
+        Value::Numbers => format!("{place}.clone()"),
         Value::Count { .. } => format!("Some(signed({place}))"),
         Value::FlagOrAuto => format!("match {place} {{ Switch::Auto => None, on => Some(on == Switch::On) }}"),
         Value::Choice(of) => format!("proto::{}::from({place}).into()", of.name()),

@@ -202,6 +202,7 @@ fn what_does_not_go_with_an_entrance_is_refused_at_once() {
     let entrance = &mut hostile.entrance;
     (entrance.duration, entrance.start, entrance.spread) = (f64::NAN, -1.0, 90.0);
     (entrance.distance, entrance.plausibility) = (f64::INFINITY, 2.0);
+    (entrance.source, entrance.curve) = (vec![1.0, 2.0], vec![f64::NAN; 4]);
     hostile.output.frames = Some(10);
     let Err(Error::Invalid(problems)) = bake(&scene, &hostile, &mut Silent) else { panic!("it was baked") };
     let fields: Vec<&str> = problems.iter().map(|problem| &*problem.field).collect();
@@ -211,6 +212,8 @@ fn what_does_not_go_with_an_entrance_is_refused_at_once() {
         "entrance.spread",
         "entrance.distance",
         "entrance.plausibility",
+        "entrance.source",
+        "entrance.curve",
         "bodies.3",
         "emitters",
         "output.frames",
@@ -235,4 +238,26 @@ fn bodies_land_in_the_order_that_is_asked_for() {
     let landed = |body: usize| pile.frames.iter().position(|f| f[body] == pile.frames[pile.frames.len() - 1][body]);
     let landings: Vec<Option<usize>> = (0..4).map(landed).collect();
     assert!(landings.is_sorted() && landings[0] < landings[3], "{landings:?}");
+}
+
+/// From the right to the left, and all from one place beside the wall.
+#[test]
+fn bodies_follow_a_line_and_come_from_a_place() {
+    let mut scene = wall();
+    scene.bodies.truncate(4);
+    let mut given = params(EntranceKind::Pour);
+    given.entrance.order = EntranceOrder::Along;
+    given.entrance.curve = vec![2.0, 0.1, 0.0, -1.0, 0.1, 0.0];
+    given.entrance.spread = 1.0;
+    let source = DVec3::new(0.5, 1.2, -1.0);
+    given.entrance.source = source.to_array().to_vec();
+    let pile = bake(&scene, &given, &mut Silent).unwrap().pile;
+    let landed = |body: usize| pile.frames.iter().position(|f| f[body] == pile.frames[pile.frames.len() - 1][body]);
+    let landings: Vec<Option<usize>> = (0..4).rev().map(landed).collect();
+    assert!(landings.is_sorted() && landings[0] < landings[3], "{landings:?}");
+    for (id, body) in pile.bodies.iter().enumerate() {
+        let first = pile.frames[body.first_frame][id].translation;
+        // A frame may begin a little later than the flight does.
+        assert!(first.distance(source) < 0.15, "{id} appears at {first}");
+    }
 }

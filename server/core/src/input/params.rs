@@ -20,6 +20,11 @@ include!(concat!(env!("OUT_DIR"), "/params.rs"));
 /// A number among the parameters: its name, its value if it is set, and its range.
 type Ranged = (&'static str, Option<f64>, (Bound<f64>, Bound<f64>));
 
+/// The first of these numbers that is out of range, or the first one.
+fn outside(numbers: &[f64], range: (Bound<f64>, Bound<f64>)) -> Option<f64> {
+    numbers.iter().copied().find(|number| !range.contains(number)).or(numbers.first().copied())
+}
+
 impl Switch {
     /// The effect is on. `called_for`: the scene calls for it.
     pub fn is_on(self, called_for: bool) -> bool {

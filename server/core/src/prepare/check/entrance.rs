@@ -1,7 +1,7 @@
 //! Checks of an entrance: nothing else may happen while bodies come in.
 
 use super::Findings;
-use crate::input::params::{EntranceKind, Params};
+use crate::input::params::{Entrance, EntranceKind, EntranceOrder, Params};
 use crate::input::scene::Scene;
 
 /// Bound on the frames of a result, as the schema states it for `output.frames`.
@@ -42,10 +42,40 @@ pub fn check(scene: &Scene, params: &Params, found: &mut Findings) {
         let text = "output.frames: entrance.start and entrance.duration decide how many frames there are; leave it out";
         found.problem("output.frames", text);
     }
+    places(entrance, found);
     let frames = (entrance.start + entrance.duration) * params.output.fps;
     if frames > MOST_FRAMES {
         let text =
             format!("entrance.duration: {frames:.0} frames are too many; give a shorter time or lower output.fps");
         found.problem("entrance.duration", text);
+    }
+}
+
+/// Where bodies come from, and the line that they follow.
+fn places(entrance: &Entrance, found: &mut Findings) {
+    if !entrance.source.is_empty() {
+        if entrance.source.len() != 3 {
+            let text = format!("entrance.source: a place has 3 numbers, not {}; give x, y, z", entrance.source.len());
+            found.problem("entrance.source", text);
+        }
+        if !matches!(entrance.kind, EntranceKind::Pour | EntranceKind::Throw) {
+            let text = "entrance.source: bodies come from one place only where they pour or are thrown; leave it out, \
+                        or set entrance.kind to \"pour\" or \"throw\"";
+            found.problem("entrance.source", text);
+        }
+    }
+    if !entrance.curve.is_empty() {
+        if !entrance.curve.len().is_multiple_of(3) || entrance.curve.len() < 6 {
+            let text = format!(
+                "entrance.curve: {} numbers are no line; give x, y, z of two points or more",
+                entrance.curve.len()
+            );
+            found.problem("entrance.curve", text);
+        }
+        if entrance.order != EntranceOrder::Along {
+            let text = "entrance.curve: only the order along follows a line; set entrance.order to \"along\", or leave \
+                        the line out";
+            found.problem("entrance.curve", text);
+        }
     }
 }

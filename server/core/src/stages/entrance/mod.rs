@@ -99,7 +99,12 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     let places: Vec<DVec3> = ids.iter().map(|&id| world.pose(id).translation).collect();
     let highest = ids.iter().zip(&places).map(|(&id, place)| place.y + world.bodies()[id].radius);
     let (distance, spread) = (params.entrance.distance, params.entrance.spread.to_radians());
-    let wishes = wishes(params.entrance.order, &places);
+    let points = |numbers: &[f64]| -> Vec<DVec3> {
+        numbers.chunks_exact(3).map(|point| world.units.point_to_engine(DVec3::from_slice(point))).collect()
+    };
+    let (curve, given) = (points(&params.entrance.curve), points(&params.entrance.source));
+    let given = given.first().copied();
+    let wishes = wishes(params.entrance.order, &places, &curve);
     let top = highest.fold(f64::NEG_INFINITY, f64::max) + distance;
     let mut rng = Pcg64Mcg::seed_from_u64(params.seed);
     let (mut from, mut speed, mut starts) = (Vec::new(), 0.0, Vec::new());
@@ -107,12 +112,13 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
         EntranceKind::None => {}
         // As if they had fallen from as high again. Where all appear at rest, one is in the way of the next.
         EntranceKind::Rain => speed = (2.0 * distance).sqrt(),
+        EntranceKind::Pour if given.is_some() => from.extend(given),
         EntranceKind::Pour => {
             from = vec![DVec3::ZERO; world.bodies().len()];
             let spouts = spouts(&wishes, &places, top);
             ids.iter().zip(spouts).for_each(|(&id, spout)| from[id] = spout);
         }
-        EntranceKind::Throw => from.push(thrower(&places, distance)),
+        EntranceKind::Throw => from.push(given.unwrap_or_else(|| thrower(&places, distance))),
         EntranceKind::Assemble => starts = lying::places(pile, &ids, distance, &mut rng),
     }
     let stream = distance * libm::tan(spread);
@@ -167,14 +173,15 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
     Ok(entrance)
 }
 
-/// A number for each place: bodies should land in their order.
-fn wishes(order: EntranceOrder, places: &[DVec3]) -> Vec<f64> {
+/// A number for each place: bodies should land in their order. `curve`: points of the line that it follows, if any.
+fn wishes(order: EntranceOrder, places: &[DVec3], curve: &[DVec3]) -> Vec<f64> {
     let low = places.iter().copied().reduce(DVec3::min).unwrap_or_default();
     let high = places.iter().copied().reduce(DVec3::max).unwrap_or_default();
     let (middle, size) = ((low + high) / 2.0, high - low);
     let wish = |place: &DVec3| match order {
         EntranceOrder::BottomUp => place.y,
         EntranceOrder::CenterOut => DVec3::new(place.x - middle.x, 0.0, place.z - middle.z).length(),
+        EntranceOrder::Along if curve.len() > 1 => along(curve, *place),
         EntranceOrder::Along => {
             if size.x >= size.z {
                 place.x
@@ -184,6 +191,21 @@ fn wishes(order: EntranceOrder, places: &[DVec3]) -> Vec<f64> {
         }
     };
     places.iter().map(wish).collect()
+}
+
+/// How far along a line of points its nearest point to a place is.
+fn along(curve: &[DVec3], place: DVec3) -> f64 {
+    let (mut best, mut passed) = ((f64::INFINITY, 0.0), 0.0);
+    for pair in curve.windows(2) {
+        let span = pair[1] - pair[0];
+        let share = ((place - pair[0]).dot(span) / span.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let away = place.distance_squared(pair[0] + share * span);
+        if away < best.0 {
+            best = (away, passed + share * span.length());
+        }
+        passed += span.length();
+    }
+    best.1
 }
 
 /// Where the spout is for each place: at this height, above the mean of the places that are filled at about the time.

@@ -16,6 +16,8 @@ pub const ATTEMPTS: usize = OWN + 24;
 const SPIN: f64 = 1.2;
 /// Speed at which a stream begins, d per characteristic time.
 const STREAM_SPEED: f64 = 3.0;
+/// How steeply bodies slide out of a container, radians.
+const SLIDING: f64 = -0.5;
 /// How steeply bodies are thrown, radians.
 const FLATTEST: f64 = 0.9;
 const STEEPEST: f64 = 1.35;
@@ -36,7 +38,7 @@ pub struct Source {
     pub spread: f64,
     /// Radius of a stream.
     pub stream: f64,
-    /// Where each body comes from in a stream; shape `[body]`. Where all are thrown from: the only one.
+    /// Where each body comes from in a stream; shape `[body]`. Where all come from: the only one.
     pub places: Vec<DVec3>,
     /// Where each lies before it leaps; shape `[body]`. Empty where bodies appear in flight.
     pub starts: Vec<Pose>,
@@ -46,6 +48,10 @@ pub struct Source {
 pub type Sample = (Twist, f64);
 
 impl Source {
+    pub fn is_one_place(&self) -> bool {
+        self.places.len() == 1
+    }
+
     /// A way to a place. `attempt`: its number; `free`: directions that lead away from what is touched there.
     pub fn sample(&self, id: BodyId, end: &Pose, attempt: usize, free: &[DVec3], rng: &mut Pcg64Mcg) -> Option<Sample> {
         let height = (self.top - end.translation.y).max(0.0);
@@ -66,6 +72,14 @@ impl Source {
                 let velocity = DVec3::new(aside * cos, -fall, aside * sin);
                 Some((Twist { velocity, spin }, duration))
             }
+            // All come from one place, out of which they slide, a little upward where that leads nowhere.
+            EntranceKind::Pour if self.is_one_place() => {
+                let (sin, cos) = libm::sincos(azimuth);
+                let from = self.places[0] + self.stream * share.sqrt() * DVec3::new(cos, 0.0, sin);
+                let rise = SLIDING + (STEEPEST - SLIDING) * (1.0 - calm);
+                let (velocity, duration) = thrown(from, end.translation, rise)?;
+                Some((Twist { velocity, spin }, duration))
+            }
             EntranceKind::Pour => {
                 let (sin, cos) = libm::sincos(azimuth);
                 let from = *self.places.get(id)? + self.stream * share.sqrt() * DVec3::new(cos, 0.0, sin);
@@ -78,10 +92,8 @@ impl Source {
                 let to = end.translation;
                 // Flatter at first, and steeper if that leads nowhere.
                 let rise = STEEPEST + (FLATTEST - STEEPEST) * calm * (1.0 - share * self.spread);
-                let level = DVec3::new(to.x - from.x, 0.0, to.z - from.z).length();
-                let duration = (2.0 * (level * libm::tan(rise) - (to.y - from.y))).max(0.0).sqrt();
-                let velocity = arrival(from, to, duration);
-                (duration > 0.0).then_some((Twist { velocity, spin }, duration))
+                let (velocity, duration) = thrown(from, to, rise)?;
+                Some((Twist { velocity, spin }, duration))
             }
         }
     }
@@ -125,6 +137,13 @@ pub fn free_directions(normals: &[DVec3]) -> Vec<DVec3> {
     ways.retain(|(_, way)| way.y * FASTEST > 1.0);
     ways.sort_by(|a, b| b.0.total_cmp(&a.0));
     ways.into_iter().map(|(_, way)| way).take(ATTEMPTS - OWN).collect()
+}
+
+/// Velocity at the end of a flight that begins with this rise, radians, and how long it takes. `None`: it leads elsewhere.
+fn thrown(from: DVec3, to: DVec3, rise: f64) -> Option<(DVec3, f64)> {
+    let level = DVec3::new(to.x - from.x, 0.0, to.z - from.z).length();
+    let duration = (2.0 * (level * libm::tan(rise) - (to.y - from.y))).max(0.0).sqrt();
+    (duration > 0.0).then(|| (arrival(from, to, duration), duration))
 }
 
 /// Velocity at the end of a flight that takes this long from one place to another.

@@ -155,6 +155,11 @@ impl Search<'_> {
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
+            // Where all come from one place, one comes from elsewhere only if it would cut something.
+            let is_free = best.as_ref().is_some_and(|best| best.passage.is_clear());
+            if attempt >= OWN && is_free && self.source.is_one_place() {
+                break;
+            }
             let Some(flights) = self.flights(id, &end, attempt, &free, &mut rng) else { continue };
             let twist = flights[0].twist;
             let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
