@@ -1,8 +1,13 @@
 //! Generates the Rust types and the service of `proto/cairn/v1` without protoc, and the conversions of the parameters;
-//! embeds the descriptors with their comments.
+//! embeds the descriptors with their comments, and the viewer of contact sheets, compressed.
 
+use flate2::Compression;
+use flate2::write::DeflateEncoder;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
+/// Shows a result in a browser.
+const VIEWER: &str = "server/src/sheet/viewer.min.js";
 /// Crates whose version decides a bake's result, as its report states.
 const ENGINES: [&str; 2] = ["rapier3d", "clarabel"];
 
@@ -22,6 +27,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .boxed(".cairn.v1.CreatedBake.outcome.bake")
         .compile_fds(compiler.file_descriptor_set())?;
     check_requests(&out.join("cairn.v1.rs"))?;
+
+    println!("cargo:rerun-if-changed={VIEWER}");
+    let mut viewer = DeflateEncoder::new(Vec::new(), Compression::best());
+    viewer.write_all(&std::fs::read(VIEWER)?)?;
+    std::fs::write(out.join("viewer.deflate"), viewer.finish()?)?;
 
     // Given by the release command; a commit found by itself would build everything again at each commit.
     println!("cargo:rerun-if-env-changed=CAIRN_COMMIT");

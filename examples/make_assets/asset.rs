@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use std::f64::consts::TAU;
 
 /// Materials: name, linear base colour, roughness.
-const MATERIALS: [(&str, Point, f64); 19] = [
+const MATERIALS: [(&str, Point, f64); 20] = [
     ("wood", [1.0, 1.0, 1.0], 0.7),
     ("cover", [0.12, 0.03, 0.04], 0.6),
     ("paper", [0.80, 0.74, 0.60], 0.9),
@@ -25,6 +25,7 @@ const MATERIALS: [(&str, Point, f64); 19] = [
     ("grass", [0.13, 0.25, 0.07], 0.95),
     ("soil", [0.16, 0.11, 0.07], 0.95),
     ("paint", [0.05, 0.16, 0.30], 0.5),
+    ("gold", [0.72, 0.47, 0.12], 0.4),
     ("stone", [0.45, 0.44, 0.42], 0.9),
 ];
 
@@ -109,6 +110,15 @@ impl Asset {
         self.flat(&cap(front), caps, material);
         let turned: Vec<[usize; 3]> = caps.iter().map(|&[a, b, c]| [a, c, b]).collect();
         self.flat(&cap(back), &turned, material);
+    }
+
+    /// Turned about the z axis, radians, and then moved.
+    pub fn moved(mut self, turn: f64, by: Point) -> Asset {
+        let (sin, cos) = turn.sin_cos();
+        let turned = |[x, y, z]: Point| [x * cos - y * sin, x * sin + y * cos, z];
+        self.points.iter_mut().for_each(|point| *point = sum(turned(*point), by));
+        self.normals.iter_mut().for_each(|normal| *normal = turned(*normal));
+        self
     }
 
     pub fn to_glb(&self, name: &str) -> Vec<u8> {

@@ -46,6 +46,10 @@ fn main() -> std::io::Result<()> {
         ("bowl", bowl()),
         ("card", card()),
         ("ball", ball(0.5)),
+        (
+            "coin",
+            turned(&[[0.0, 0.0], [0.03, 0.0], [0.032, 0.001], [0.032, 0.005], [0.03, 0.006], [0.0, 0.006]], "gold"),
+        ),
         ("cart", cart()),
         // Control meshes for sticks: at a packing of 0.4, a cubic metre holds 40 of them.
         ("cone", revolved(&[[1.723, 0.0], [0.0, 1.723 * 2.8]])),
@@ -55,6 +59,7 @@ fn main() -> std::io::Result<()> {
         ("letter-t", letter_t(1.2)),
         // For bananas and books.
         ("mound", dome(0.4, 0.3)),
+        ("hoard", dome(0.2, 0.12)),
         ("pawn", revolved(&pawn())),
         ("spiral", spiral(0.25, 0.9, [0.25, 2.2])),
         // For what is stacked.
@@ -69,6 +74,8 @@ fn main() -> std::io::Result<()> {
         ("stairs", places::stairs()),
         ("rack", places::rack()),
         ("jar", places::jar()),
+        // Its mouth is at x = -0.35, y = 0.7.
+        ("jar-tipped", places::jar().moved(-2.0, [-0.7137, 0.8665, 0.0])),
         ("left", places::beside(-0.75)),
         ("right", places::beside(0.75)),
     ];

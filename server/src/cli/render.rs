@@ -22,6 +22,7 @@ Examples:
   cairn render pile.glb -o pile.png
   cairn render pile.glb -o start.png --frame 0 --control dome.glb
   cairn render pile.glb -o glue.png --glue
+  cairn render pile.glb -o film-0100.png --frame 100 --whole
   cairn render pile.glb -o poster.png --size 3840x2160 --samples 128 --azimuth 60
 
 Needs no graphics card. The picture does not depend on the number of threads.")]
@@ -41,6 +42,10 @@ pub struct Args {
     /// Time in the animation, seconds
     #[arg(long, value_name = "SECONDS", value_parser = number)]
     time: Option<f64>,
+
+    /// Fit the camera to the whole animation: it then stands still from picture to picture of a film
+    #[arg(long)]
+    whole: bool,
 
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = size)]
@@ -87,6 +92,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         azimuth: args.azimuth,
         elevation: args.elevation,
         samples: args.samples,
+        whole: args.whole,
         glue: args.glue,
     };
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());

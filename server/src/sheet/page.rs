@@ -3,11 +3,14 @@
 use super::{Candidate, Thumbnail};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use flate2::read::DeflateDecoder;
 use image::codecs::jpeg::JpegEncoder;
 use serde_json::{Map, Value, json};
+use std::io::Read;
 
 const PAGE: &str = include_str!("sheet.html");
-const VIEWER: &str = include_str!("viewer.min.js");
+/// `viewer.min.js`, compressed.
+const VIEWER: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/viewer.deflate"));
 const JPEG_QUALITY: u8 = 88;
 
 /// Makes the page. It embeds the results in their order while they fit into `room` bytes.
@@ -42,7 +45,9 @@ pub fn page(
     let sheet = json!({ "title": title, "order": order, "shown": shown, "entries": listed });
     // The data must not end its script element.
     let sheet = sheet.to_string().replace('<', "\\u003c");
-    let parts = [("/*VIEWER*/", VIEWER), ("/*SHEET*/", &sheet), ("<!--MODELS-->", &models)];
+    let mut viewer = String::new();
+    DeflateDecoder::new(VIEWER).read_to_string(&mut viewer)?;
+    let parts = [("/*VIEWER*/", &viewer), ("/*SHEET*/", &sheet), ("<!--MODELS-->", &models)];
     let mut page = String::new();
     let mut rest = PAGE;
     for (mark, content) in parts {

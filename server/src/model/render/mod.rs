@@ -25,6 +25,9 @@ pub use silhouette::{SilhouetteDifference, silhouette_difference};
 use std::collections::BTreeSet;
 use texture::Material;
 
+/// Moments of an animation, evenly spread, that a camera for all of it is fitted to.
+const MOMENTS: u32 = 48;
+
 /// Content and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -37,6 +40,8 @@ pub struct Settings {
     pub elevation: f64,
     /// Rays per picture element, at least 1. Noise falls with the square root.
     pub samples: u32,
+    /// Fit the camera to the whole animation, so that it is the same for each of its moments.
+    pub whole: bool,
     /// Show the dots of glue. Needs a pile that was baked with glue.
     pub glue: bool,
 }
@@ -44,7 +49,8 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Settings {
         let (azimuth, elevation) = (30.0, 16.0);
-        Settings { moment: Moment::End, size: [1200, 900], azimuth, elevation, samples: 16, glue: false }
+        let (moment, size) = (Moment::End, [1200, 900]);
+        Settings { moment, size, azimuth, elevation, samples: 16, whole: false, glue: false }
     }
 }
 
@@ -114,8 +120,11 @@ pub fn render(
     let loaded = Loaded::read(model, settings.moment, settings.glue).map_err(|problem| problem.of(model))?;
     let ghost = control.map(|c| Loaded::read(c, Moment::Seconds(0.0), false).map_err(|p| p.of(c))).transpose()?;
 
-    let pile: Vec<DVec3> = loaded.points(&loaded.placed, loaded.placed.iter().any(|p| p.in_pile));
-    let mut subject = pile.clone();
+    let pile = loaded.pile(&loaded.placed);
+    let mut subject = match settings.whole {
+        true => Loaded::track(model).map_err(|problem| problem.of(model))?,
+        false => pile.clone(),
+    };
     if let Some(ghost) = &ghost {
         subject.extend(ghost.points(&ghost.placed, false));
     }
@@ -202,6 +211,22 @@ impl Loaded {
             return Err(RenderFault::Empty);
         }
         Ok(loaded)
+    }
+
+    /// The outlines of the pile at moments of the whole animation.
+    fn track(model: &RenderModel) -> Result<Vec<DVec3>, RenderFault> {
+        let document = Document::open(model.bytes, model.resolve)?;
+        let end = animation::duration(&document)?;
+        let moment = |k: u32| nodes::placed(&document, end * f64::from(k) / f64::from(MOMENTS));
+        let moments = (0..=MOMENTS).map(moment).collect::<Result<Vec<_>, _>>()?;
+        let library = Library::read(&document, &moments.concat(), model.resolve)?;
+        let loaded = Loaded { placed: Vec::new(), at_end: Vec::new(), library, glue: None };
+        Ok(moments.iter().flat_map(|placed| loaded.pile(placed)).collect())
+    }
+
+    /// The outlines of the pile, or of everything where there is none.
+    fn pile(&self, placed: &[PlacedMesh]) -> Vec<DVec3> {
+        self.points(placed, placed.iter().any(|p| p.in_pile))
     }
 
     /// The median radius of the pile's bodies.

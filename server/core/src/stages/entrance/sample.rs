@@ -48,8 +48,14 @@ pub struct Source {
 pub type Sample = (Twist, f64);
 
 impl Source {
+    /// All come from one place.
     pub fn is_one_place(&self) -> bool {
         self.places.len() == 1
+    }
+
+    /// Where bodies come from is seen: a stream, or one place.
+    pub fn is_stream(&self) -> bool {
+        !self.places.is_empty()
     }
 
     /// A way to a place. `attempt`: its number; `free`: directions that lead away from what is touched there.

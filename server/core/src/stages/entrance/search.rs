@@ -14,6 +14,8 @@ use rand_pcg::Pcg64Mcg;
 
 /// A way in is good enough if contacts give all but this share of the momentum brought in.
 pub const GOOD: f64 = 0.005;
+/// Out of a stream, so much.
+const FAIR: f64 = 0.1;
 /// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
 /// velocity, and per characteristic time.
 const REFINED: usize = 150;
@@ -155,9 +157,9 @@ impl Search<'_> {
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
-            // Where all come from one place, one comes from elsewhere only if it would cut something.
-            let is_free = best.as_ref().is_some_and(|best| best.passage.is_clear());
-            if attempt >= OWN && is_free && self.source.is_one_place() {
+            // One that comes from outside the stream is seen at once.
+            let is_fair = |best: &Arrival| best.passage.is_clear() && best.guided <= FAIR * best.momentum;
+            if attempt >= OWN && self.source.is_stream() && best.as_ref().is_some_and(is_fair) {
                 break;
             }
             let Some(flights) = self.flights(id, &end, attempt, &free, &mut rng) else { continue };
