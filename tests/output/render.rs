@@ -11,8 +11,16 @@ use glam::{DQuat, DVec3};
 use image::RgbImage;
 use serde_json::{Value, json};
 
-const SMALL: Settings =
-    Settings { moment: Moment::End, size: [64, 48], azimuth: 20.0, elevation: 15.0, samples: 4, glue: false };
+const SMALL: Settings = Settings {
+    moment: Moment::End,
+    fit: None,
+    wide: 1.0,
+    size: [64, 48],
+    azimuth: 20.0,
+    elevation: 15.0,
+    samples: 4,
+    glue: false,
+};
 
 fn picture(bytes: &[u8], settings: Settings) -> Result<RgbImage, RenderError> {
     render(&RenderModel { name: "file.glb", bytes, resolve: &no_files }, None, &settings)
@@ -53,6 +61,25 @@ fn a_moment_shows_the_poses_of_that_moment() {
     assert_eq!(refused.to_string(), "file.glb: has no frame 9; the last one is 8");
     let refused = picture(&kit(), Settings { moment: Moment::Frame(0), ..SMALL }).unwrap_err();
     assert!(refused.to_string().contains("choose the moment in seconds"));
+}
+
+#[test]
+fn the_camera_stands_still_or_shows_more() {
+    let file = baked(tumbling(3, 9));
+    let of = |moment, fit| picture(&file, Settings { moment, fit, ..SMALL }).unwrap();
+    // What flies away stays in the middle of a camera that follows it, and not of one that stands still.
+    let [start, end] = [0, 8].map(Moment::Frame);
+    assert_eq!(of(end, None), of(end, Some(end)));
+    assert_ne!(of(end, None), of(end, Some(start)));
+    let cube = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cube.glb")).unwrap();
+    let red = |wide: f64| {
+        let shown = picture(&cube, Settings { wide, ..SMALL }).unwrap();
+        shown.pixels().filter(|p| i32::from(p.0[0]) > i32::from(p.0[1]) + 60).count() as f64
+    };
+    let share = red(2.0) / red(1.0);
+    assert!((0.15..0.4).contains(&share), "twice as wide: {share}");
+    let refused = picture(&file, Settings { fit: Some(Moment::Frame(9)), ..SMALL }).unwrap_err();
+    assert_eq!(refused.to_string(), "file.glb: has no frame 9; the last one is 8");
 }
 
 #[test]
@@ -112,13 +139,14 @@ fn broken_files_are_refused() {
         assert!(picture(bytes, SMALL).is_err());
     }
     let size = "a picture is 1 to 16384 pixels wide and high and has at least 1 sample";
-    let angles = "the camera's angles must be numbers";
+    let angles = "the camera's angles and what it shows must be numbers";
     for (settings, words) in [
         (Settings { size: [0, 9], ..SMALL }, size),
         (Settings { size: [9, 16385], ..SMALL }, size),
         (Settings { samples: 0, ..SMALL }, size),
         (Settings { azimuth: f64::NAN, ..SMALL }, angles),
         (Settings { elevation: f64::INFINITY, ..SMALL }, angles),
+        (Settings { wide: f64::NAN, ..SMALL }, angles),
     ] {
         let refused = picture(&kit(), settings);
         assert!(matches!(refused, Err(RenderError::Settings(said)) if said == words), "{settings:?}");

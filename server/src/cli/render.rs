@@ -22,7 +22,7 @@ Examples:
   cairn render pile.glb -o pile.png
   cairn render pile.glb -o start.png --frame 0 --control dome.glb
   cairn render pile.glb -o glue.png --glue
-  cairn render pile.glb -o film-0100.png --frame 100 --whole
+  cairn render pile.glb -o film-0100.png --frame 100 --fit 240 --wide 2
   cairn render pile.glb -o poster.png --size 3840x2160 --samples 128 --azimuth 60
 
 Needs no graphics card. The picture does not depend on the number of threads.")]
@@ -43,9 +43,14 @@ pub struct Args {
     #[arg(long, value_name = "SECONDS", value_parser = number)]
     time: Option<f64>,
 
-    /// Fit the camera to the whole animation: it then stands still from picture to picture of a film
-    #[arg(long)]
-    whole: bool,
+    /// Fit the camera to this frame [default: the one that is shown]: so it stands still from picture to picture of a
+    /// film
+    #[arg(long, value_name = "N")]
+    fit: Option<u64>,
+
+    /// Show so many times as much around the pile, 0.01 to 100
+    #[arg(long, value_name = "FACTOR", default_value_t = Settings::default().wide, value_parser = wide)]
+    wide: f64,
 
     /// Width and height in pixels
     #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = size)]
@@ -92,7 +97,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         azimuth: args.azimuth,
         elevation: args.elevation,
         samples: args.samples,
-        whole: args.whole,
+        fit: args.fit.map(Moment::Frame),
+        wide: args.wide,
         glue: args.glue,
     };
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
@@ -150,6 +156,10 @@ fn size(text: &str) -> Result<[u32; 2], String> {
 
 fn number(text: &str) -> Result<f64, String> {
     text.parse().ok().filter(|number: &f64| number.is_finite()).ok_or_else(|| "give a number".into())
+}
+
+fn wide(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|factor| (0.01..=100.0).contains(factor)).ok_or_else(|| "give 0.01 to 100".into())
 }
 
 fn elevation(text: &str) -> Result<f64, String> {

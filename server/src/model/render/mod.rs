@@ -25,9 +25,6 @@ pub use silhouette::{SilhouetteDifference, silhouette_difference};
 use std::collections::BTreeSet;
 use texture::Material;
 
-/// Moments of an animation, evenly spread, that a camera for all of it is fitted to.
-const MOMENTS: u32 = 48;
-
 /// Content and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -40,8 +37,10 @@ pub struct Settings {
     pub elevation: f64,
     /// Rays per picture element, at least 1. Noise falls with the square root.
     pub samples: u32,
-    /// Fit the camera to the whole animation, so that it is the same for each of its moments.
-    pub whole: bool,
+    /// The moment to which the camera is fitted; `None`: the one that is shown.
+    pub fit: Option<Moment>,
+    /// How much the camera shows, relative to the pile, above 0.
+    pub wide: f64,
     /// Show the dots of glue. Needs a pile that was baked with glue.
     pub glue: bool,
 }
@@ -50,7 +49,7 @@ impl Default for Settings {
     fn default() -> Settings {
         let (azimuth, elevation) = (30.0, 16.0);
         let (moment, size) = (Moment::End, [1200, 900]);
-        Settings { moment, size, azimuth, elevation, samples: 16, whole: false, glue: false }
+        Settings { moment, fit: None, wide: 1.0, size, azimuth, elevation, samples: 16, glue: false }
     }
 }
 
@@ -114,23 +113,25 @@ pub fn render(
     if settings.size.iter().any(|side| !(1..=16384).contains(side)) || settings.samples == 0 {
         return Err(RenderError::Settings("a picture is 1 to 16384 pixels wide and high and has at least 1 sample"));
     }
-    if !(settings.azimuth.is_finite() && settings.elevation.is_finite()) {
-        return Err(RenderError::Settings("the camera's angles must be numbers"));
+    if !(settings.azimuth.is_finite() && settings.elevation.is_finite() && settings.wide.is_finite()) {
+        return Err(RenderError::Settings("the camera's angles and what it shows must be numbers"));
     }
     let loaded = Loaded::read(model, settings.moment, settings.glue).map_err(|problem| problem.of(model))?;
     let ghost = control.map(|c| Loaded::read(c, Moment::Seconds(0.0), false).map_err(|p| p.of(c))).transpose()?;
 
     let pile = loaded.pile(&loaded.placed);
-    let mut subject = match settings.whole {
-        true => Loaded::track(model).map_err(|problem| problem.of(model))?,
-        false => pile.clone(),
-    };
+    let mut subject = match settings.fit {
+        Some(moment) => Loaded::read(model, moment, false).map(|then| then.pile(&then.placed)),
+        None => Ok(pile.clone()),
+    }
+    .map_err(|problem| problem.of(model))?;
     if let Some(ghost) = &ghost {
         subject.extend(ghost.points(&ghost.placed, false));
     }
     let (low, high) = bounds(&subject);
     let size = ((high - low).length() / 2.0).max(f64::MIN_POSITIVE);
     let middle = (low + high) / 2.0;
+    subject.iter_mut().for_each(|point| *point = middle + settings.wide * (*point - middle));
     let to_unit = DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / size), DQuat::IDENTITY, -middle / size);
     let seen: Vec<DVec3> = subject.iter().map(|p| to_unit.transform_point3(*p)).collect();
 
@@ -211,17 +212,6 @@ impl Loaded {
             return Err(RenderFault::Empty);
         }
         Ok(loaded)
-    }
-
-    /// The outlines of the pile at moments of the whole animation.
-    fn track(model: &RenderModel) -> Result<Vec<DVec3>, RenderFault> {
-        let document = Document::open(model.bytes, model.resolve)?;
-        let end = animation::duration(&document)?;
-        let moment = |k: u32| nodes::placed(&document, end * f64::from(k) / f64::from(MOMENTS));
-        let moments = (0..=MOMENTS).map(moment).collect::<Result<Vec<_>, _>>()?;
-        let library = Library::read(&document, &moments.concat(), model.resolve)?;
-        let loaded = Loaded { placed: Vec::new(), at_end: Vec::new(), library, glue: None };
-        Ok(moments.iter().flat_map(|placed| loaded.pile(placed)).collect())
     }
 
     /// The outlines of the pile, or of everything where there is none.
