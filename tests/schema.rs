@@ -98,7 +98,7 @@ fn the_stated_defaults_are_the_defaults() {
 }
 
 /// Whether the core takes a scene with this value.
-fn accepts(path: &str, comment: &str, value: f64) -> bool {
+fn accepts(path: &str, comment: &str, is_list: bool, value: f64) -> bool {
     let mut scene = scene();
     if path == "props.0.scale_max" || path == "props.0.scale_min" {
         scene.set(&format!("props.0.scale_min={value:?}")).unwrap();
@@ -107,6 +107,7 @@ fn accepts(path: &str, comment: &str, value: f64) -> bool {
     let values = match stated(comment, "Default: ").filter(|default| default.starts_with('[')) {
         // A list: its first number.
         Some(default) => format!("[{value:?}{}", &default[default.find(',').unwrap()..]),
+        None if is_list => format!("[{value:?}]"),
         None => format!("{value:?}"),
     };
     if path == "bodies.0.kept_until_frame" || path == "bodies.0.kept_until_seconds" {
@@ -149,18 +150,21 @@ fn the_stated_ranges_are_the_ranges() {
             None => (&*range, None),
         };
         if let Some(excluded) = low.strip_prefix("above ") {
-            assert!(!accepts(&path, &comment, excluded.parse().unwrap()), "{path} must be above {excluded}");
+            assert!(
+                !accepts(&path, &comment, descriptor.is_list(), excluded.parse().unwrap()),
+                "{path} must be above {excluded}"
+            );
         } else {
             let low: f64 = low.parse().unwrap();
-            assert!(accepts(&path, &comment, low), "{path} may be {low}");
+            assert!(accepts(&path, &comment, descriptor.is_list(), low), "{path} may be {low}");
             let below = if whole { low - 1.0 } else { beyond(low, -1.0) };
-            assert!(!accepts(&path, &comment, below), "{path} may not be {below}");
+            assert!(!accepts(&path, &comment, descriptor.is_list(), below), "{path} may not be {below}");
         }
         // A double cannot hold the largest 64-bit number.
         if let Some(high) = high.filter(|_| !matches!(descriptor.kind(), Kind::Int64)) {
-            assert!(accepts(&path, &comment, high), "{path} may be {high}");
+            assert!(accepts(&path, &comment, descriptor.is_list(), high), "{path} may be {high}");
             let above = if whole { high + 1.0 } else { beyond(high, 1.0) };
-            assert!(!accepts(&path, &comment, above), "{path} may not be {above}");
+            assert!(!accepts(&path, &comment, descriptor.is_list(), above), "{path} may not be {above}");
         }
     }
 }

@@ -50,9 +50,9 @@ impl Job {
     }
 
     /// The result of a finished bake in a format.
-    pub fn encode(&self, format: Format, bake: &Bake) -> Result<Encoded, ExportError> {
-        let origin = request::origin(&self.request(format), report::result_hash(&bake.pile));
-        export::encode(format, &bake.pile, &self.export_scene(&origin, Some(&bake.report.measures)))
+    pub fn encode(&self, format: Format, pile: &BakedPile, measures: &Measures) -> Result<Encoded, ExportError> {
+        let origin = request::origin(&self.request(format), report::result_hash(pile));
+        export::encode(format, pile, &self.export_scene(&origin, Some(measures)))
     }
 
     /// Like [`Job::run`]. `deliver` gets the result as soon as it exists: before the measures, unless the format holds

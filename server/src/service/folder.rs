@@ -11,7 +11,9 @@ pub const REPORT: &str = "report.json";
 pub const SCENE: &str = "scene.json";
 
 /// The pile itself, of which results in further formats are made.
-pub const PILE: &str = "pile.postcard";
+pub const PILE: &str = "baked.postcard";
+/// The same as version 0.1.0 wrote it at first, with all parameters after it.
+pub const EARLIER_PILE: &str = "pile.postcard";
 
 /// A result of a bake: its format, and of one in USD the layout, where it is not that of the bake's request.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@
 //! lock                 held by the server that uses the directory
 //! version              of this layout
 //! assets/SHA256        one file per asset
-//! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.*, pile.postcard, textures/, assets/
+//! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.*, baked.postcard, textures/, assets/
 //! partial/             files being written
 //! cache/               fills and bakes for reuse
 //! ```
@@ -16,7 +16,7 @@ use crate::failpoints;
 use crate::files::{remove_unfinished, sync_folder, write_atomically};
 use crate::model::export::{Format, SIDECAR_FOLDER};
 use crate::service::config::Config;
-use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
+use crate::service::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
 use crate::service::worker_message::ResultHead;
 use crate::wire::digest::hex;
 use crate::wire::proto::{AnalysePileRequest, AssetReference, BakeSpec, BakeState, BakeStatus};
@@ -274,7 +274,8 @@ impl Store {
             for file in files.filter(|file| is_laid_out(&file.file_name().to_string_lossy())) {
                 let _ = fs::remove_file(file.path());
             }
-            for name in Format::ALL.into_iter().flat_map(of_format).chain([REPORT.to_owned(), PILE.to_owned()]) {
+            let others = [REPORT, PILE, EARLIER_PILE].map(str::to_owned);
+            for name in Format::ALL.into_iter().flat_map(of_format).chain(others) {
                 let _ = fs::remove_file(folder.join(name));
             }
         }

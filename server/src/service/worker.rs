@@ -6,11 +6,11 @@ use crate::job::machine;
 use crate::job::pace::StagePace;
 use crate::job::reuse::BakeCache;
 use crate::job::{self, FinishedBake, Job, JobError, Refused};
-use crate::model::export::{Encoded, ExportError, Format};
+use crate::model::export::{Encoded, ExportError, Format, Measures};
 use crate::problem::{Cause, Problem};
 use crate::scene_file::SceneTree;
 use crate::service::event_log::{self, LogWriter};
-use crate::service::folder::{ASSETS, EVENTS, PILE, REPORT, ResultKind, SCENE, SPEC, layout_name};
+use crate::service::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SCENE, SPEC, layout_name};
 use crate::service::status::DISK_FULL;
 use crate::service::worker_message::{Envelope, Invalid, ResultHead, WorkerMessage};
 use crate::wire::digest::hex;
@@ -18,7 +18,7 @@ use crate::wire::frame_delta::FrameDelta;
 use crate::wire::proto::{self, bake_event::Kind};
 use crate::wire::to_proto;
 use cairn_core::input::observer::{Frame, Observer, Progress, Stage};
-use cairn_core::report::bake::Bake;
+use cairn_core::report::bake::BakedPile;
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -131,7 +131,8 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
         return Err(error.into());
     }
     let done = done.map_err(|error| failed(error, &job.notes))?;
-    let pile = postcard::to_stdvec(&done.bake).map_err(|error| WorkerError::Internal(error.to_string()))?;
+    let pile = postcard::to_stdvec(&(&done.bake.pile, &done.bake.report.measures))
+        .map_err(|error| WorkerError::Internal(error.to_string()))?;
     files::write_atomically(&folder.join(PILE), &pile)?;
     write(folder, &kind, &done.result, REPORT, &done.report)?;
     let summary = summary(&done);
@@ -152,15 +153,29 @@ pub fn export(folder: &Path, format: &str, layout: Option<&str>) -> Result<(), W
         let laid_out = job.laid_out(asked.usd.as_ref()).map_err(|problems| invalid(&problems))?;
         job = laid_out.referred_from(&asked.asset_folder);
     }
-    let bake: Bake = postcard::from_bytes(&read_file(&folder.join(PILE))?)
-        .map_err(|error| WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string()))))?;
-    let result = job.encode(format, &bake).map_err(|error| failed(error.into(), &job.notes))?;
     let first = std::fs::read_to_string(folder.join(REPORT))?;
-    let report = job::report::of_format(&first, &kind.result_name(), &result, &job.notes)
-        .map_err(|error| WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string()))))?;
+    let (pile, measures) = kept(folder, &first)?;
+    let result = job.encode(format, &pile, &measures).map_err(|error| failed(error.into(), &job.notes))?;
+    let report = job::report::of_format(&first, &kind.result_name(), &result, &job.notes).map_err(broken)?;
     let head = write(folder, &kind, &result, &kind.report_name(), &report)?;
     send(WorkerMessage::Exported(head));
     Ok(())
+}
+
+/// The pile of a finished bake, and its measures. `report`: the bake's own.
+fn kept(folder: &Path, report: &str) -> Result<(BakedPile, Measures), WorkerError> {
+    if folder.join(PILE).is_file() {
+        return postcard::from_bytes(&read_file(&folder.join(PILE))?).map_err(broken);
+    }
+    // The parameters that follow the pile there are those of another version.
+    let bytes = read_file(&folder.join(EARLIER_PILE))?;
+    let (pile, _) = postcard::take_from_bytes(&bytes).map_err(broken)?;
+    let mut report: serde_json::Value = serde_json::from_str(report).map_err(broken)?;
+    Ok((pile, serde_json::from_value(report["measures"].take()).map_err(broken)?))
+}
+
+fn broken(error: impl std::fmt::Display) -> WorkerError {
+    WorkerError::Message(Box::new(WorkerMessage::Broken(error.to_string())))
 }
 
 /// Writes a result, the files beside it, its report, and last what describes them.

@@ -12,7 +12,7 @@ use crate::model::export::{Format, Layout, is_asset_folder};
 use crate::service::access::{Caller, CallerRole};
 use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
-use crate::service::folder::{PILE, ResultKind};
+use crate::service::folder::{EARLIER_PILE, PILE, ResultKind};
 use crate::service::hook::Hook;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Quota;
@@ -333,7 +333,7 @@ impl Bakes {
                 report: DownloadResultResponse { sha256: report_sha256, ..Default::default() },
             });
         }
-        if !folder.join(PILE).is_file() {
+        if ![PILE, EARLIER_PILE].iter().any(|name| folder.join(name).is_file()) {
             let (own, wanted) = (own.extension(), kind.format.extension());
             let what =
                 format!("an earlier server made this bake: its result is .{own} alone; bake it again for .{wanted}");

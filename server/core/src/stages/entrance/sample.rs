@@ -145,7 +145,8 @@ pub fn free_directions(normals: &[DVec3]) -> Vec<DVec3> {
     ways.into_iter().map(|(_, way)| way).take(ATTEMPTS - OWN).collect()
 }
 
-/// Velocity at the end of a flight that begins with this rise, radians, and how long it takes. `None`: it leads elsewhere.
+/// Velocity at the end of a flight that begins with this rise, radians, and how long it takes. `None`: it leads
+/// elsewhere.
 fn thrown(from: DVec3, to: DVec3, rise: f64) -> Option<(DVec3, f64)> {
     let level = DVec3::new(to.x - from.x, 0.0, to.z - from.z).length();
     let duration = (2.0 * (level * libm::tan(rise) - (to.y - from.y))).max(0.0).sqrt();
