@@ -77,7 +77,7 @@ async fn formats_and_files_that_there_are_not() {
     }
     // As of an earlier server.
     let folder = server.path("data/bakes").join(&request.bake_id);
-    for name in ["pile.postcard", "result.glb.head"] {
+    for name in ["baked.postcard", "result.glb.head"] {
         std::fs::remove_file(folder.join(name)).unwrap();
     }
     let own = connection.download(&request.bake_id, Artifact::Result).await.unwrap();
