@@ -39,7 +39,7 @@ use sample::Source;
 use search::{Arrival, Search};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A spout is above the mean of the places of this share of the bodies before and after each.
+/// A spout that writes is above the mean of the places of this share of the bodies before and after each.
 const AT_ABOUT: f64 = 0.1;
 
 /// How the bodies come in, and what it takes.
@@ -115,7 +115,8 @@ pub fn run(pile: &Pile, params: &Params, observer: &mut dyn Observer) -> Result<
         EntranceKind::Pour if given.is_some() => from.extend(given),
         EntranceKind::Pour => {
             from = vec![DVec3::ZERO; world.bodies().len()];
-            let spouts = spouts(&wishes, &places, top);
+            let about = if params.entrance.order == EntranceOrder::Along { AT_ABOUT } else { 1.0 };
+            let spouts = spouts(&wishes, &places, top, about);
             ids.iter().zip(spouts).for_each(|(&id, spout)| from[id] = spout);
         }
         EntranceKind::Throw => from.push(given.unwrap_or_else(|| thrower(&places, distance))),
@@ -208,11 +209,12 @@ fn along(curve: &[DVec3], place: DVec3) -> f64 {
     best.1
 }
 
-/// Where the spout is for each place: at this height, above the mean of the places that are filled at about the time.
-fn spouts(wishes: &[f64], places: &[DVec3], top: f64) -> Vec<DVec3> {
+/// Where the spout is for each place: at this height, above the mean of the places that are filled at about the time,
+/// which is a share of all places before and after.
+fn spouts(wishes: &[f64], places: &[DVec3], top: f64, about: f64) -> Vec<DVec3> {
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by(|&a, &b| wishes[a].total_cmp(&wishes[b]).then(a.cmp(&b)));
-    let reach = (places.len() as f64 * AT_ABOUT).ceil() as usize;
+    let reach = (places.len() as f64 * about).ceil() as usize;
     let mut spouts = vec![DVec3::ZERO; places.len()];
     for (rank, &k) in order.iter().enumerate() {
         let near = &order[rank.saturating_sub(reach)..(rank + reach + 1).min(order.len())];
