@@ -4,6 +4,7 @@ Every result is there, whole, and has the hash that it has without Slurm. Then: 
 slurm.py PROGRAM      with slurmctld, slurmd and munged on this machine, as root
 """
 
+import contextlib
 import json
 import os
 import shutil
@@ -94,25 +95,27 @@ class Farm:
         """Processes that Slurm has started on a node, by id, those that watch over them included."""
         found = set()
         for entry in Path("/proc").glob("[0-9]*"):
-            try:
+            # One that ends meanwhile is none.
+            with contextlib.suppress(OSError):
                 variables = (entry / "environ").read_bytes().split(b"\0")
-            except OSError:
-                continue
-            if f"SLURMD_NODENAME={node}".encode() in variables and f"SLURM_CONF={self.conf}".encode() in variables:
-                pid = int(entry.name)
-                found.add(pid)
-                parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-                if b"slurmstepd" in Path(f"/proc/{parent}/cmdline").read_bytes():
-                    found.add(parent)
+                if f"SLURMD_NODENAME={node}".encode() in variables and f"SLURM_CONF={self.conf}".encode() in variables:
+                    found.add(int(entry.name))
+                    parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+                    if b"slurmstepd" in command_of(parent):
+                        found.add(parent)
         return found
 
     def kill_node(self, node):
         """As if its power failed. Returns how many processes of tasks went with it."""
         self.daemons.pop(node).kill()
-        tasks = self.tasks_of(node)
-        for pid in tasks:
-            os.kill(pid, signal.SIGKILL)
-        return len(tasks)
+        killed = set()
+        # A process may end, or begin another, while they are listed.
+        while tasks := self.tasks_of(node) - killed:
+            for pid in tasks:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+                killed.add(pid)
+        return len(killed)
 
     def is_done(self, job):
         return not self.ask("squeue", "-h", "-j", job)
@@ -123,7 +126,12 @@ class Farm:
         for daemon in reversed(self.daemons.values()):
             daemon.terminate()
         for daemon in self.daemons.values():
-            daemon.wait()
+            try:
+                daemon.wait(timeout=60)
+            except subprocess.TimeoutExpired:
+                # After a fault: a node waits for its tasks, which nobody ends any more.
+                daemon.kill()
+                daemon.wait()
 
 
 def wait_for(what, is_so):
@@ -131,6 +139,13 @@ def wait_for(what, is_so):
     while not is_so():
         assert time.monotonic() < until, f"this did not come: {what}"
         time.sleep(0.2)
+
+
+def command_of(pid):
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return b""
 
 
 def hashes(folder):
@@ -188,7 +203,7 @@ def main(program):
         job = farm.submit("--array=0", *script, work / "long.toml", late, "0..0", "1")
         wait_for(
             "the task's process",
-            lambda: any(b"batch" in Path(f"/proc/{p}/cmdline").read_bytes() for p in farm.tasks_of("n1")),
+            lambda: any(b"batch" in command_of(p) for p in farm.tasks_of("n1")),
         )
         time.sleep(1)
         farm.ask("scancel", "--signal=TERM", "--batch", job)

@@ -170,8 +170,8 @@ fn kept(folder: &Path, report: &str) -> Result<(BakedPile, Measures), WorkerErro
     // The parameters that follow the pile there are those of another version.
     let bytes = read_file(&folder.join(EARLIER_PILE))?;
     let (pile, _) = postcard::take_from_bytes(&bytes).map_err(broken)?;
-    let mut report: serde_json::Value = serde_json::from_str(report).map_err(broken)?;
-    Ok((pile, serde_json::from_value(report["measures"].take()).map_err(broken)?))
+    let report: serde_json::Value = serde_json::from_str(report).map_err(broken)?;
+    Ok((pile, serde_json::from_value(report["measures"].clone()).map_err(broken)?))
 }
 
 fn broken(error: impl std::fmt::Display) -> WorkerError {

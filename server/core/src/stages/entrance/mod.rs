@@ -215,10 +215,15 @@ fn spouts(wishes: &[f64], places: &[DVec3], top: f64, about: f64) -> Vec<DVec3> 
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by(|&a, &b| wishes[a].total_cmp(&wishes[b]).then(a.cmp(&b)));
     let reach = (places.len() as f64 * about).ceil() as usize;
+    let mut sums = vec![DVec3::ZERO];
+    sums.extend(order.iter().scan(DVec3::ZERO, |sum, &k| {
+        *sum += places[k];
+        Some(*sum)
+    }));
     let mut spouts = vec![DVec3::ZERO; places.len()];
     for (rank, &k) in order.iter().enumerate() {
-        let near = &order[rank.saturating_sub(reach)..(rank + reach + 1).min(order.len())];
-        let mean = near.iter().map(|&other| places[other]).sum::<DVec3>() / near.len() as f64;
+        let near = rank.saturating_sub(reach)..(rank + reach + 1).min(order.len());
+        let mean = (sums[near.end] - sums[near.start]) / near.len() as f64;
         spouts[k] = DVec3::new(mean.x, top, mean.z);
     }
     spouts

@@ -84,6 +84,9 @@ pub fn plan(
             forget(&mut known[other], |_| true);
         }
         for &other in &left {
+            if matches!(&known[other], Some(Some(found)) if found.bounces_off.binary_search(&id).is_ok()) {
+                known[other] = None;
+            }
             forget(&mut known[other], |found| found.passage.blockers.binary_search(&id).is_ok());
         }
         landed.push((id, arrival));

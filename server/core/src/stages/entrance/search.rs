@@ -34,6 +34,9 @@ const BOUNCE_SPEED: [f64; 2] = [0.25, 1.1];
 const BOUNCE_ASIDE: f64 = 0.45;
 const BOUNCE_SPIN: f64 = 0.6;
 const BOUNCE_TIME: [f64; 2] = [0.4, 4.0];
+/// The same, off something beside a place that is not open from above: rounds over all free directions.
+const BESIDE: u64 = 6;
+const BESIDE_SPEED: [f64; 2] = [0.3, 2.5];
 /// The fastest spin before a bounce, per characteristic time.
 const INCOMING_SPIN: f64 = 2.0;
 
@@ -46,6 +49,10 @@ pub struct Arrival {
     /// Momentum that no contact gives.
     pub guided: f64,
     pub passage: Passage,
+    /// The part of it at a bounce before the end.
+    pub guided_before: f64,
+    /// Bodies off which it bounces before its end, ascending.
+    pub bounces_off: Vec<BodyId>,
 }
 
 impl Arrival {
@@ -157,10 +164,16 @@ impl Search<'_> {
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
-            // One that comes from outside the stream is seen at once.
-            let is_fair = |best: &Arrival| best.passage.is_clear() && best.guided <= FAIR * best.momentum;
-            if attempt >= OWN && self.source.is_stream() && best.as_ref().is_some_and(is_fair) {
-                break;
+            if attempt == OWN && self.source.is_stream() {
+                // One that comes from outside the stream is seen at once.
+                let is_fair = |best: &Arrival| best.passage.is_clear() && best.guided <= FAIR * best.momentum;
+                if best.as_ref().is_some_and(is_fair) {
+                    break;
+                }
+                if let Some(found) = self.beside(id, is_there, &free, analyser) {
+                    best = Some(found);
+                    break;
+                }
             }
             let Some(flights) = self.flights(id, &end, attempt, &free, &mut rng) else { continue };
             let twist = flights[0].twist;
@@ -175,7 +188,7 @@ impl Search<'_> {
             let most = best.as_ref().map_or(DEEPEST, |best| best.rank().0.clamp(sweep::ALLOWED, DEEPEST));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
             blockers.extend_from_slice(&passage.blockers);
-            let found = Arrival { path, momentum, guided, passage };
+            let found = Arrival { path, momentum, guided, passage, guided_before: 0.0, bounces_off: Vec::new() };
             if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
                 best = Some(found);
             }
@@ -207,7 +220,7 @@ impl Search<'_> {
             let guided = momentum * self.supports.missing(id, is_there, force, moment, &mut analyser);
             let path = Path { flights };
             let passage = sweep::pass(self.world, id, &path, is_there, best.passage.cut.max(sweep::ALLOWED));
-            let found = Arrival { path, momentum, guided, passage };
+            let found = Arrival { path, momentum, guided, passage, guided_before: 0.0, bounces_off: Vec::new() };
             if found.rank() < best.rank() {
                 best = found;
             }
@@ -227,7 +240,8 @@ impl Search<'_> {
         let (mass, _, inertia) = self.body(id, &end);
         let twist = arrival.path.flights[0].twist;
         let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
-        arrival.guided = arrival.momentum * self.supports.missing(id, is_there, force, moment, analyser);
+        let missing = self.supports.missing(id, is_there, force, moment, analyser);
+        arrival.guided = arrival.guided_before + self.size(id, force, moment) * missing;
     }
 
     /// A way in that touches something first and bounces off to the end, if one is found that needs no more guiding
@@ -242,14 +256,54 @@ impl Search<'_> {
         if !self.source.starts.is_empty() {
             return None;
         }
-        let end = self.world.pose(id);
         (0..BOUNCES).find_map(|k| {
             let mut rng = self.rng(id, k + 1);
-            let (hop, impact) = self.hop(id, &end, is_there, &mut rng, analyser)?;
-            let found = self.before_bounce(id, hop, impact, is_there, &mut rng, analyser)?;
+            let down = rng.random_range(BOUNCE_SPEED[0]..BOUNCE_SPEED[1]);
+            let aside = BOUNCE_ASIDE * down.min(1.0) * rng.random::<f64>();
+            let way = direction(&mut rng);
+            let aside = aside * DVec3::new(way.x, 0.0, way.z).normalize_or_zero();
+            let spin = BOUNCE_SPIN * rng.random::<f64>() * direction(&mut rng);
+            let twist = Twist { velocity: aside - down * DVec3::Y, spin };
+            let found = self.with_hop(id, twist, is_there, &mut rng, analyser)?;
             let enough = (GOOD * found.momentum).max(than.guided);
             (found.passage.is_clear() && found.guided <= enough).then_some(found)
         })
+    }
+
+    /// A way in for a body whose place is not open to the stream: it falls beside it first, and bounces in along what
+    /// is free.
+    fn beside(
+        &self,
+        id: BodyId,
+        is_there: &dyn Fn(BodyId) -> bool,
+        free: &[DVec3],
+        analyser: &mut Analyser,
+    ) -> Option<Arrival> {
+        (0..BESIDE).flat_map(|round| free.iter().map(move |way| (round, way))).enumerate().find_map(
+            |(k, (round, &way))| {
+                let mut rng = self.rng(id, BOUNCES + 2 + k as u64);
+                let speed = BESIDE_SPEED[0]
+                    + (BESIDE_SPEED[1] - BESIDE_SPEED[0]) * (round as f64 + rng.random::<f64>()) / BESIDE as f64;
+                let spin =
+                    BOUNCE_SPIN * rng.random::<f64>() * direction(&mut rng) * if round % 2 == 1 { 1.0 } else { 0.0 };
+                let twist = Twist { velocity: -speed * way, spin };
+                let found = self.with_hop(id, twist, is_there, &mut rng, analyser)?;
+                (found.passage.is_clear() && found.guided <= FAIR * found.momentum).then_some(found)
+            },
+        )
+    }
+
+    /// A way in that ends like this after a bounce off something.
+    fn with_hop(
+        &self,
+        id: BodyId,
+        twist: Twist,
+        is_there: &dyn Fn(BodyId) -> bool,
+        rng: &mut Pcg64Mcg,
+        analyser: &mut Analyser,
+    ) -> Option<Arrival> {
+        let (hop, guided) = self.hop(id, &self.world.pose(id), twist, is_there, analyser)?;
+        self.before_bounce(id, hop, guided, is_there, rng, analyser)
     }
 
     /// A small jump to the end, from where it touches something; and the momentum that no contact gives at its end.
@@ -257,17 +311,11 @@ impl Search<'_> {
         &self,
         id: BodyId,
         end: &Pose,
+        twist: Twist,
         is_there: &dyn Fn(BodyId) -> bool,
-        rng: &mut Pcg64Mcg,
         analyser: &mut Analyser,
     ) -> Option<(Flight, f64)> {
         let (mass, _, inertia) = self.body(id, end);
-        let down = rng.random_range(BOUNCE_SPEED[0]..BOUNCE_SPEED[1]);
-        let aside = BOUNCE_ASIDE * down.min(1.0) * rng.random::<f64>();
-        let way = direction(rng);
-        let aside = aside * DVec3::new(way.x, 0.0, way.z).normalize_or_zero();
-        let twist =
-            Twist { velocity: aside - down * DVec3::Y, spin: BOUNCE_SPIN * rng.random::<f64>() * direction(rng) };
         let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
         let momentum = self.size(id, force, moment);
         let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
@@ -294,7 +342,7 @@ impl Search<'_> {
         let touch = hop.pose(hop.duration);
         let after = hop.twist(hop.duration, &self.inertia[id]);
         let (mass, radius, inertia) = self.body(id, &touch);
-        let contacts = self.touching(id, &touch, is_there);
+        let (contacts, bounces_off) = self.touching(id, &touch, is_there);
         let middle = contacts.iter().map(|c| c.point).sum::<DVec3>() / contacts.len().max(1) as f64;
         let (before, duration) = self.source.sample(id, &touch, 0, &[], rng)?;
         let force = mass * (after.velocity - before.velocity);
@@ -311,27 +359,34 @@ impl Search<'_> {
         let problem = LocalProblem { contacts: &contacts, mass, center_of_mass, radius, gravity: DVec3::NEG_Y };
         let missing = analyser.missing(&problem, force, moment).ok()?;
         let momentum = self.size(id, mass * before.velocity, inertia * before.spin);
-        let guided = guided + missing * self.size(id, force, moment);
+        let guided_before = missing * self.size(id, force, moment);
+        let guided = guided + guided_before;
         if guided > 0.1 * momentum {
             return None;
         }
         let path = Path { flights: vec![hop, Flight::new(touch, before, duration, &self.inertia[id])] };
         let passage = sweep::pass(self.world, id, &path, is_there, sweep::ALLOWED);
-        Some(Arrival { path, momentum, guided, passage })
+        Some(Arrival { path, momentum, guided, passage, guided_before, bounces_off })
     }
 
-    /// The contacts of a body at a pose with what is there.
-    fn touching(&self, id: BodyId, pose: &Pose, is_there: &dyn Fn(BodyId) -> bool) -> Vec<LocalContact> {
+    /// The contacts of a body at a pose with what is there, and the bodies that it touches, ascending.
+    fn touching(&self, id: BodyId, pose: &Pose, is_there: &dyn Fn(BodyId) -> bool) -> (Vec<LocalContact>, Vec<BodyId>) {
         let body = &self.world.bodies()[id];
         let near = self.world.obstacles(id, pose.translation - body.radius, pose.translation + body.radius);
         let there = near.into_iter().filter(|obstacle| match obstacle.side {
             PairSide::Body(other) => is_there(other),
             _ => true,
         });
-        let contacts = there.flat_map(|obstacle| {
+        let (mut contacts, mut touched) = (Vec::new(), Vec::new());
+        for obstacle in there {
             let (friction, points) = self.world.touches_at(id, pose, &obstacle, REAL_CONTACT * body.thickness);
-            points.into_iter().map(move |p| LocalContact { point: p.point, normal: p.normal, friction })
-        });
-        contacts.collect()
+            if let (PairSide::Body(other), false) = (obstacle.side, points.is_empty()) {
+                touched.push(other);
+            }
+            contacts.extend(points.into_iter().map(|p| LocalContact { point: p.point, normal: p.normal, friction }));
+        }
+        touched.sort_unstable();
+        touched.dedup();
+        (contacts, touched)
     }
 }
