@@ -70,7 +70,10 @@ pub fn plan(
         left.retain(|&other| other != id);
         fallen.remove(&id);
         is_left[id] = false;
-        let Some(Some(arrival)) = known[id].take() else { break };
+        let Some(Some(mut arrival)) = known[id].take() else { break };
+        if arrival.is_from_elsewhere {
+            arrival = search.beside(id, &|id| is_left[id]).unwrap_or(arrival);
+        }
         for other in search.supports.neighbours(id).into_iter().filter(|&other| is_left[other]) {
             carried[other] = None;
             if search.supports.falls(other, &|id| is_left[id], &mut analyser) > 0.0 {
@@ -84,9 +87,6 @@ pub fn plan(
             forget(&mut known[other], |_| true);
         }
         for &other in &left {
-            if matches!(&known[other], Some(Some(found)) if found.bounces_off.binary_search(&id).is_ok()) {
-                known[other] = None;
-            }
             forget(&mut known[other], |found| found.passage.blockers.binary_search(&id).is_ok());
         }
         landed.push((id, arrival));

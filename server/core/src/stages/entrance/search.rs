@@ -11,10 +11,11 @@ use cairn_statics::local::{Analyser, LocalContact, LocalProblem};
 use glam::{DMat3, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 
 /// A way in is good enough if contacts give all but this share of the momentum brought in.
 pub const GOOD: f64 = 0.005;
-/// Out of a stream, so much.
+/// Out of a stream, and with a bounce, so much.
 const FAIR: f64 = 0.1;
 /// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
 /// velocity, and per characteristic time.
@@ -35,7 +36,7 @@ const BOUNCE_ASIDE: f64 = 0.45;
 const BOUNCE_SPIN: f64 = 0.6;
 const BOUNCE_TIME: [f64; 2] = [0.4, 4.0];
 /// The same, off something beside a place that is not open from above: rounds over all free directions.
-const BESIDE: u64 = 6;
+const BESIDE: usize = 12;
 const BESIDE_SPEED: [f64; 2] = [0.3, 2.5];
 /// The fastest spin before a bounce, per characteristic time.
 const INCOMING_SPIN: f64 = 2.0;
@@ -49,15 +50,17 @@ pub struct Arrival {
     /// Momentum that no contact gives.
     pub guided: f64,
     pub passage: Passage,
-    /// The part of it at a bounce before the end.
-    pub guided_before: f64,
-    /// Bodies off which it bounces before its end, ascending.
-    pub bounces_off: Vec<BodyId>,
+    /// It does not come out of the stream, although there is one.
+    pub is_from_elsewhere: bool,
 }
 
 impl Arrival {
     pub fn is_good(&self) -> bool {
         self.passage.is_clear() && self.guided <= GOOD * self.momentum
+    }
+
+    fn is_fair(&self) -> bool {
+        self.passage.is_clear() && self.guided <= FAIR * self.momentum
     }
 
     fn rank(&self) -> (f64, f64) {
@@ -164,16 +167,10 @@ impl Search<'_> {
         let mut rng = self.rng(id, 0);
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
-            if attempt == OWN && self.source.is_stream() {
-                // One that comes from outside the stream is seen at once.
-                let is_fair = |best: &Arrival| best.passage.is_clear() && best.guided <= FAIR * best.momentum;
-                if best.as_ref().is_some_and(is_fair) {
-                    break;
-                }
-                if let Some(found) = self.beside(id, is_there, &free, analyser) {
-                    best = Some(found);
-                    break;
-                }
+            // One that comes from outside the stream is seen at once.
+            let is_from_elsewhere = attempt >= OWN && self.source.is_stream();
+            if is_from_elsewhere && best.as_ref().is_some_and(Arrival::is_fair) {
+                break;
             }
             let Some(flights) = self.flights(id, &end, attempt, &free, &mut rng) else { continue };
             let twist = flights[0].twist;
@@ -188,7 +185,7 @@ impl Search<'_> {
             let most = best.as_ref().map_or(DEEPEST, |best| best.rank().0.clamp(sweep::ALLOWED, DEEPEST));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
             blockers.extend_from_slice(&passage.blockers);
-            let found = Arrival { path, momentum, guided, passage, guided_before: 0.0, bounces_off: Vec::new() };
+            let found = Arrival { path, momentum, guided, passage, is_from_elsewhere };
             if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
                 best = Some(found);
             }
@@ -220,7 +217,7 @@ impl Search<'_> {
             let guided = momentum * self.supports.missing(id, is_there, force, moment, &mut analyser);
             let path = Path { flights };
             let passage = sweep::pass(self.world, id, &path, is_there, best.passage.cut.max(sweep::ALLOWED));
-            let found = Arrival { path, momentum, guided, passage, guided_before: 0.0, bounces_off: Vec::new() };
+            let found = Arrival { path, momentum, guided, passage, is_from_elsewhere: than.is_from_elsewhere };
             if found.rank() < best.rank() {
                 best = found;
             }
@@ -240,8 +237,7 @@ impl Search<'_> {
         let (mass, _, inertia) = self.body(id, &end);
         let twist = arrival.path.flights[0].twist;
         let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
-        let missing = self.supports.missing(id, is_there, force, moment, analyser);
-        arrival.guided = arrival.guided_before + self.size(id, force, moment) * missing;
+        arrival.guided = arrival.momentum * self.supports.missing(id, is_there, force, moment, analyser);
     }
 
     /// A way in that touches something first and bounces off to the end, if one is found that needs no more guiding
@@ -272,25 +268,19 @@ impl Search<'_> {
 
     /// A way in for a body whose place is not open to the stream: it falls beside it first, and bounces in along what
     /// is free.
-    fn beside(
-        &self,
-        id: BodyId,
-        is_there: &dyn Fn(BodyId) -> bool,
-        free: &[DVec3],
-        analyser: &mut Analyser,
-    ) -> Option<Arrival> {
-        (0..BESIDE).flat_map(|round| free.iter().map(move |way| (round, way))).enumerate().find_map(
-            |(k, (round, &way))| {
-                let mut rng = self.rng(id, BOUNCES + 2 + k as u64);
-                let speed = BESIDE_SPEED[0]
-                    + (BESIDE_SPEED[1] - BESIDE_SPEED[0]) * (round as f64 + rng.random::<f64>()) / BESIDE as f64;
-                let spin =
-                    BOUNCE_SPIN * rng.random::<f64>() * direction(&mut rng) * if round % 2 == 1 { 1.0 } else { 0.0 };
-                let twist = Twist { velocity: -speed * way, spin };
-                let found = self.with_hop(id, twist, is_there, &mut rng, analyser)?;
-                (found.passage.is_clear() && found.guided <= FAIR * found.momentum).then_some(found)
-            },
-        )
+    pub fn beside(&self, id: BodyId, is_there: &(dyn Fn(BodyId) -> bool + Sync)) -> Option<Arrival> {
+        let normals: Vec<DVec3> = self.supports.normals(id, is_there).collect();
+        let free = free_directions(&normals);
+        let [slowest, fastest] = BESIDE_SPEED;
+        (0..BESIDE * free.len()).into_par_iter().find_map_first(|k| {
+            let (round, way) = (k / free.len(), free[k % free.len()]);
+            let mut rng = self.rng(id, BOUNCES + 2 + k as u64);
+            let speed = slowest + (fastest - slowest) * (round as f64 + rng.random::<f64>()) / BESIDE as f64;
+            // Every other round without a turn.
+            let turn = if round % 2 == 0 { 0.0 } else { BOUNCE_SPIN * rng.random::<f64>() };
+            let twist = Twist { velocity: -speed * way, spin: turn * direction(&mut rng) };
+            self.with_hop(id, twist, is_there, &mut rng, &mut Analyser::new()).filter(Arrival::is_fair)
+        })
     }
 
     /// A way in that ends like this after a bounce off something.
@@ -319,7 +309,7 @@ impl Search<'_> {
         let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
         let momentum = self.size(id, force, moment);
         let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
-        if guided > 0.1 * momentum {
+        if guided > FAIR * momentum {
             return None;
         }
         let flight = Flight::new(*end, twist, BOUNCE_TIME[1], &self.inertia[id]);
@@ -342,7 +332,7 @@ impl Search<'_> {
         let touch = hop.pose(hop.duration);
         let after = hop.twist(hop.duration, &self.inertia[id]);
         let (mass, radius, inertia) = self.body(id, &touch);
-        let (contacts, bounces_off) = self.touching(id, &touch, is_there);
+        let contacts = self.touching(id, &touch, is_there);
         let middle = contacts.iter().map(|c| c.point).sum::<DVec3>() / contacts.len().max(1) as f64;
         let (before, duration) = self.source.sample(id, &touch, 0, &[], rng)?;
         let force = mass * (after.velocity - before.velocity);
@@ -359,34 +349,27 @@ impl Search<'_> {
         let problem = LocalProblem { contacts: &contacts, mass, center_of_mass, radius, gravity: DVec3::NEG_Y };
         let missing = analyser.missing(&problem, force, moment).ok()?;
         let momentum = self.size(id, mass * before.velocity, inertia * before.spin);
-        let guided_before = missing * self.size(id, force, moment);
-        let guided = guided + guided_before;
-        if guided > 0.1 * momentum {
+        let guided = guided + missing * self.size(id, force, moment);
+        if guided > FAIR * momentum {
             return None;
         }
         let path = Path { flights: vec![hop, Flight::new(touch, before, duration, &self.inertia[id])] };
         let passage = sweep::pass(self.world, id, &path, is_there, sweep::ALLOWED);
-        Some(Arrival { path, momentum, guided, passage, guided_before, bounces_off })
+        Some(Arrival { path, momentum, guided, passage, is_from_elsewhere: false })
     }
 
-    /// The contacts of a body at a pose with what is there, and the bodies that it touches, ascending.
-    fn touching(&self, id: BodyId, pose: &Pose, is_there: &dyn Fn(BodyId) -> bool) -> (Vec<LocalContact>, Vec<BodyId>) {
+    /// The contacts of a body at a pose with what is there.
+    fn touching(&self, id: BodyId, pose: &Pose, is_there: &dyn Fn(BodyId) -> bool) -> Vec<LocalContact> {
         let body = &self.world.bodies()[id];
         let near = self.world.obstacles(id, pose.translation - body.radius, pose.translation + body.radius);
         let there = near.into_iter().filter(|obstacle| match obstacle.side {
             PairSide::Body(other) => is_there(other),
             _ => true,
         });
-        let (mut contacts, mut touched) = (Vec::new(), Vec::new());
-        for obstacle in there {
+        let contacts = there.flat_map(|obstacle| {
             let (friction, points) = self.world.touches_at(id, pose, &obstacle, REAL_CONTACT * body.thickness);
-            if let (PairSide::Body(other), false) = (obstacle.side, points.is_empty()) {
-                touched.push(other);
-            }
-            contacts.extend(points.into_iter().map(|p| LocalContact { point: p.point, normal: p.normal, friction }));
-        }
-        touched.sort_unstable();
-        touched.dedup();
-        (contacts, touched)
+            points.into_iter().map(move |p| LocalContact { point: p.point, normal: p.normal, friction })
+        });
+        contacts.collect()
     }
 }
