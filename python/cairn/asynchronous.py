@@ -23,7 +23,7 @@ from .wire.recording import Motion, Recording, Snapshot
 Event = Accepted | Progress | Snapshot | Summary
 # Formats by name, from the schema.
 # By the ends of file names that differ from their names here, the longest first.
-ENDINGS = {".physics.glb": "glb_physics", ".hulls.glb": "glb_hulls", ".xml": "mjcf"}
+ENDINGS = {".physics.glb": "glb_physics", ".hulls.glb": "glb_hulls", ".pack.zip": "pack", ".xml": "mjcf"}
 FORMATS = {name.removeprefix("OUTPUT_FORMAT_").lower(): number for name, number in v1.OutputFormat.items() if number}
 # A name of a file beside a result.
 PLAIN = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]*")

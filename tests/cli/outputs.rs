@@ -11,8 +11,8 @@ fn places_where_no_file_can_be() {
     let before = desk.files();
     let long = format!("{}.glb", "x".repeat(300));
     for (code, output, message) in [
-        (2, "pile.fbx", ".glb, .usdc, .usda, .usdz, .json, .csv, .xml, .physics.glb or .hulls.glb"),
-        (2, "pile", ".physics.glb or .hulls.glb"),
+        (2, "pile.fbx", ".glb, .usdc, .usda, .usdz, .json, .csv, .xml, .physics.glb, .hulls.glb or .pack.zip"),
+        (2, "pile", ".hulls.glb or .pack.zip"),
         (65, "folder.glb", "folder.glb"),
         (65, "gone/pile.glb", "gone"),
         (65, &long, "no file can have this name"),

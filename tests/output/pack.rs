@@ -17,8 +17,12 @@ fn asset(name: &str) -> Vec<u8> {
 }
 
 fn result(prop: &[u8], pile: &BakedPile) -> Vec<u8> {
+    result_as(Format::Glb, prop, pile)
+}
+
+fn result_as(format: Format, prop: &[u8], pile: &BakedPile) -> Vec<u8> {
     let prop = SourceModel { name: "prop", file: "prop", bytes: prop, node: None, resolve: &no_files, asset: None };
-    encode(Format::Glb, pile, &ExportScene { props: vec![prop], ..Default::default() }).unwrap()
+    encode(format, pile, &ExportScene { props: vec![prop], ..Default::default() }).unwrap()
 }
 
 fn packed(result: &[u8], options: &PackOptions) -> Result<Manifest, PackError> {
@@ -160,6 +164,24 @@ fn edited(result: &[u8], change: impl FnOnce(&mut Value)) -> Vec<u8> {
     let rest = &result[20 + length..];
     let word = |n: usize| (n as u32).to_le_bytes();
     [b"glTF", &word(2)[..], &word(20 + text.len() + rest.len()), &word(text.len()), b"JSON", &text, rest].concat()
+}
+
+#[test]
+fn the_archive_has_the_files_of_the_pack() {
+    let pile = pile_of(&[(0, 1.0), (0, 0.5)], tumbling(2, 3));
+    let manifest = packed(&result(&textured_cube(), &pile), &PackOptions::default()).unwrap();
+    let archive = result_as(Format::Pack, &textured_cube(), &pile);
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(archive)).unwrap();
+    assert_eq!(archive.len(), manifest.files.len() + 1);
+    let mut content = |name: &str| {
+        let mut content = Vec::new();
+        std::io::Read::read_to_end(&mut archive.by_name(name).unwrap(), &mut content).unwrap();
+        content
+    };
+    assert_eq!(content("manifest.json"), manifest.text().into_bytes());
+    for file in &manifest.files {
+        assert_eq!(content(&file.file), file.content, "{}", file.file);
+    }
 }
 
 #[test]

@@ -17,6 +17,7 @@ async fn one_bake_gives_every_format() {
         OutputFormat::Usda,
         OutputFormat::Usdc,
         OutputFormat::Usdz,
+        OutputFormat::Pack,
     ];
     let mut made = Vec::new();
     let mut id = String::new();
@@ -37,7 +38,7 @@ async fn one_bake_gives_every_format() {
                 assert_eq!(result.first.sha256, summary.result_sha256);
                 made.push(result.first.sha256.clone());
             }
-            if ![OutputFormat::Json, OutputFormat::Csv].contains(&format) {
+            if ![OutputFormat::Json, OutputFormat::Csv, OutputFormat::Pack].contains(&format) {
                 let origin = cairn::model::export::origin(&result.bytes).unwrap();
                 assert_eq!(origin["result_blake3"], summary.result_blake3.as_str());
                 assert_eq!(origin["request_blake3"], id.as_str());

@@ -35,8 +35,9 @@ pub struct Args {
     scene: SceneArgs,
 
     /// Result: .glb, .usdc, .usda or .usdz (animations), .json or .csv (tables of transforms), .xml or .physics.glb
-    /// (the last frame for MuJoCo and for game engines, to be simulated further), .hulls.glb (the collision shapes); -
-    /// is the standard output. The textures of a .usdc or .usda are written to the folder `textures` beside it
+    /// (the last frame for MuJoCo and for game engines, to be simulated further), .hulls.glb (the collision shapes),
+    /// .pack.zip (what `cairn pack` makes); - is the standard output. The textures of a .usdc or .usda are written to
+    /// the folder `textures` beside it
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 

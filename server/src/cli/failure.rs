@@ -160,6 +160,7 @@ impl From<ExportError> for Failure {
             ExportError::IsDirectory(_)
             | ExportError::NoFolder(_)
             | ExportError::Source { .. }
+            | ExportError::Pack(_)
             | ExportError::TooLarge => Failure::Input(vec![error.to_string().into()]),
             ExportError::NotFinite { .. } => Failure::Internal(error.to_string()),
             ExportError::Write { path, error } => Failure::write(path, error),

@@ -59,6 +59,9 @@ pub struct Job {
     model_bytes: usize,
 }
 
+/// Upper bounds of what a pack takes, bytes: of a triangle of a body in all its meshes; how many files hold the models.
+const PACKED_TRIANGLE: u64 = 320;
+const PACKED_MODELS: u64 = 4;
 /// Upper bounds of what a stage for simulators takes, bytes: of a body with its glue, of a triangle of scenery as text.
 const PHYSICS_BODY: u64 = 4 << 10;
 const COLLIDER_TRIANGLE: u64 = 128;
@@ -83,6 +86,10 @@ impl Job {
         let models = if format.states_origin() { self.model_bytes as u64 } else { 0 };
         let mut bytes = size.file + models + bodies * (size.body + frames * size.pose);
         let holds_colliders = matches!(format, Format::GlbPhysics | Format::GlbHulls);
+        if format == Format::Pack {
+            let triangles = self.scene.props.iter().map(|prop| prop.model.mesh.triangles.len() as u64).max();
+            bytes += PACKED_MODELS * self.model_bytes as u64 + bodies * triangles.unwrap_or(0) * PACKED_TRIANGLE;
+        }
         let has_physics = format.is_usd() && self.layout.has_physics;
         if has_physics {
             bytes += bodies * PHYSICS_BODY;

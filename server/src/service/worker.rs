@@ -52,7 +52,9 @@ impl From<std::io::Error> for WorkerError {
 fn failed(error: JobError, notes: &[String]) -> WorkerError {
     let problems = match error {
         JobError::Bake(cairn_core::Error::Invalid(problems)) => problems.into_iter().map(Problem::from).collect(),
-        JobError::Export(ExportError::Source { .. } | ExportError::TooLarge) => vec![Problem::from(error.to_string())],
+        JobError::Export(ExportError::Source { .. } | ExportError::Pack(_) | ExportError::TooLarge) => {
+            vec![Problem::from(error.to_string())]
+        }
         _ => return WorkerError::Internal(error.to_string()),
     };
     let mut fields: Vec<_> = problems.iter().map(to_proto::field_problem).collect();

@@ -108,8 +108,8 @@ pub struct PlanResult {
 pub struct BakeArgs {
     #[serde(flatten)]
     pub scene: SceneArgs,
-    /// Result: .glb, .usdc, .usda, .usdz, .json, .csv, .xml (MuJoCo), .physics.glb or .hulls.glb; replaced if it is
-    /// there
+    /// Result: .glb, .usdc, .usda, .usdz, .json, .csv, .xml (MuJoCo), .physics.glb, .hulls.glb or .pack.zip;
+    /// replaced if it is there
     pub output: String,
     /// Also write all figures there, as JSON
     #[serde(default)]

@@ -129,6 +129,7 @@ pub enum Format {
     Mjcf,
     GlbPhysics,
     GlbHulls,
+    Pack,
 }
 
 /// Everything that is particular to a format.
@@ -148,7 +149,7 @@ struct FormatRow {
 
 impl Format {
     /// In the order in which help and messages list them.
-    pub const ALL: [Format; 9] = [
+    pub const ALL: [Format; 10] = [
         Format::Glb,
         Format::Usdc,
         Format::Usda,
@@ -158,6 +159,7 @@ impl Format {
         Format::Mjcf,
         Format::GlbPhysics,
         Format::GlbHulls,
+        Format::Pack,
     ];
 
     fn row(self) -> FormatRow {
@@ -208,6 +210,12 @@ impl Format {
                 holds_measures: false,
                 size: FormatSize::GLB_HULLS,
                 ..row("hulls.glb", OutputFormat::GlbHulls, glb::encode_hulls)
+            },
+            Format::Pack => FormatRow {
+                states_origin: false,
+                holds_measures: false,
+                size: FormatSize::PACK,
+                ..row("pack.zip", OutputFormat::Pack, pack::encode)
             },
         }
     }
@@ -282,6 +290,9 @@ pub enum ExportError {
     NotFinite { body: usize, frame: usize },
     #[error("the result is larger than the 4 GiB that a .glb can hold; bake fewer frames or use lighter textures")]
     TooLarge,
+    /// A pile that cannot be packed.
+    #[error("the pack: {0}")]
+    Pack(String),
     #[error("cannot write {}: {error}", path.display())]
     Write { path: PathBuf, error: std::io::Error },
     #[error("cannot encode the result: {0}")]
@@ -379,6 +390,7 @@ mod tests {
             assert_eq!(Format::from_wire(wire).wire(), wire);
         }
         assert_eq!(schema.len(), Format::ALL.len());
-        assert_eq!(Format::endings(), ".glb, .usdc, .usda, .usdz, .json, .csv, .xml, .physics.glb or .hulls.glb");
+        let endings = ".glb, .usdc, .usda, .usdz, .json, .csv, .xml, .physics.glb, .hulls.glb or .pack.zip";
+        assert_eq!(Format::endings(), endings);
     }
 }

@@ -26,6 +26,8 @@ impl FormatSize {
     pub const MODEL: FormatSize = FormatSize { file: 16 << 10, body: 5 << 10, pose: 0 };
     /// Nodes of the body, its look and its parts. Props of many parts take more.
     pub const GLB_PHYSICS: FormatSize = FormatSize { file: 64 << 10, body: 3 << 10, pose: 0 };
+    /// A node and a joint of each body, twice, and its motion twice.
+    pub const PACK: FormatSize = FormatSize { file: 256 << 10, body: 3 << 10, pose: 80 };
     /// As a `.glb`, and the corners of all hulls.
     pub const GLB_HULLS: FormatSize = FormatSize { file: 64 << 10, ..FormatSize::GLB };
 }

@@ -8,13 +8,17 @@ mod pile;
 mod still;
 mod surface;
 
-use super::ExportError;
+use super::{Encoded, ExportError, ExportScene};
 use crate::model::render::{RenderError, RenderModel, SilhouetteDifference};
+use cairn_core::report::bake::BakedPile;
 use cairn_gltf::document::DocumentError;
 use file::Looks;
 use pile::PackedPile;
 use serde::Serialize;
 use std::collections::BTreeSet;
+use std::io::{Cursor, Write};
+use zip::write::SimpleFileOptions;
+use zip::{CompressionMethod, ZipWriter};
 
 /// The manifest's name, the last file of a pack that is written.
 pub const MANIFEST: &str = "manifest.json";
@@ -144,6 +148,28 @@ pub enum PackError {
     Export(#[from] ExportError),
     #[error("cannot encode the pack: {0}")]
     Io(#[from] std::io::Error),
+}
+
+/// The `.pack.zip`: the files of a pack in one, as they are, so that it has the same bytes everywhere.
+pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportError> {
+    let glb = super::glb::encode(bake, scene)?;
+    let nothing = |name: &str| Err(format!("{name} is not in the result"));
+    let result = RenderModel { name: "the result", bytes: &glb.bytes, resolve: &nothing };
+    let manifest = match pack(&result, &PackOptions::default(), &mut || true) {
+        Ok(manifest) => manifest.ok_or_else(|| ExportError::Pack("cancelled".into()))?,
+        Err(PackError::Export(error)) => return Err(error),
+        Err(error) => return Err(ExportError::Pack(error.to_string())),
+    };
+    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
+    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
+    let text = manifest.text();
+    let files = manifest.files.iter().map(|file| (file.file.as_str(), file.content.as_slice()));
+    for (name, content) in files.chain([(MANIFEST, text.as_bytes())]) {
+        archive.start_file(name, stored).map_err(std::io::Error::other)?;
+        archive.write_all(content)?;
+    }
+    let bytes = archive.finish().map_err(std::io::Error::other)?.into_inner();
+    Ok(Encoded { left_out: manifest.left_out, ..Encoded::single(bytes) })
 }
 
 /// Adds files to a pack.
