@@ -11,7 +11,7 @@ const HEADLINE: [&str; 3] = ["overlap", "imbalance", "shape"];
 fn piles() -> Vec<(String, Value)> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/accuracy/piles.json");
     let all: serde_json::Map<String, Value> = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
-    assert!(all.len() >= 15, "{} piles", all.len());
+    assert!(all.len() >= 20, "{} piles", all.len());
     all.into_iter().collect()
 }
 
@@ -68,10 +68,10 @@ fn presets_are_ordered_by_their_price() {
 }
 
 /// A more expensive preset is seen to overlap less, up to what seeds differ by, in all piles but those that the page
-/// lists; `reference` has no overlap.
+/// lists, three of twenty; of the others, `reference` has no overlap.
 #[test]
 fn presets_are_ordered_by_what_overlaps() {
-    let mut odd = Vec::new();
+    let (mut odd, mut hooked) = (Vec::new(), Vec::new());
     let piles = piles();
     for (name, pile) in &piles {
         let of = |of: &str| PRESETS.map(|preset| overlap(row(pile, preset), of));
@@ -79,10 +79,14 @@ fn presets_are_ordered_by_what_overlaps() {
         if !(1..PRESETS.len()).all(|n| least[n] <= most[n - 1]) {
             odd.push(name.clone());
         }
-        assert!(10.0 * middle[4] <= middle[0], "{name}: {middle:?}");
+        if middle[4] > 0.0 {
+            hooked.push(name.clone());
+        }
     }
     assert_eq!(odd, out_of_order("- By what is seen to overlap: "));
-    assert!(10 * odd.len() <= piles.len(), "{odd:?}");
+    assert!(20 * odd.len() <= 3 * piles.len(), "{odd:?}");
+    assert_eq!(hooked, out_of_order("- Where even `reference` is seen to overlap: "));
+    assert!(20 * hooked.len() <= piles.len(), "{hooked:?}");
     // Of nine in ten piles, what is delivered has no overlap that can be seen.
     let mut standard: Vec<f64> = piles.iter().map(|(_, pile)| overlap(row(pile, "standard"), "median")).collect();
     standard.sort_by(f64::total_cmp);

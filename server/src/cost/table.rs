@@ -256,6 +256,11 @@ mod tests {
         assert!(alike.advice().unwrap().contains("too few seeds to rank the presets by overlap"));
         assert!(!alike.markdown().contains("| **0.40** |"));
         assert!(!study([0.4, 0.1], 2).is_ranked("overlap"), "two seeds");
+        // The shape of the only pile of the reference is no truth.
+        let mut runs = [run("draft", 1.0, 0.0, 0.8), run("reference", 4.0, 0.0, 0.9)];
+        assert!(Study::new("x".into(), "y".into(), &runs, Vec::new()).advice().unwrap().contains("Choose `reference`"));
+        runs[1].1.truncate(1);
+        assert!(Study::new("x".into(), "y".into(), &runs, Vec::new()).advice().unwrap().contains("Choose `draft`"));
         assert!(study([0.0, 0.0], 3).is_ranked("overlap"), "equal");
     }
 

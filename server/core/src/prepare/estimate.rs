@@ -112,7 +112,7 @@ pub struct Workload {
     pub room: f64,
     #[serde(default)]
     pub packing: packing::Weights,
-    /// Share of the bodies whose collision shape is a box or a ball: what overlaps there is seen.
+    /// Share of the bodies whose collision shape is a box, nearly a box, or a ball: what overlaps there is seen.
     #[serde(default)]
     pub primitive: f64,
 }
@@ -120,6 +120,9 @@ pub struct Workload {
 fn usual() -> f64 {
     1.0
 }
+
+/// A convex prop that fills this share of its box lies face to face, without a gap, as boxes do.
+const NEARLY_A_BOX: f64 = 0.9;
 
 /// The factors of the power laws.
 pub const FEATURES: [&str; 10] =
@@ -137,7 +140,9 @@ impl Workload {
         for ((shape, size), share) in shapes.iter().zip(&checked.sizes).zip(&checked.shares) {
             let (parts, corners) = (shape.solid.parts() as f64, shape.solid.corners() as f64);
             let slenderness = size.diameter.powi(3) / size.volume;
-            let primitive = f64::from(u8::from(shape.report.kind.is_primitive()));
+            let is_nearly_a_box =
+                shape.solid.parts() == 1 && size.hull_volume >= NEARLY_A_BOX * size.extents.element_product();
+            let primitive = f64::from(u8::from(shape.report.kind.is_primitive() || is_nearly_a_box));
             for (sum, value) in mean.iter_mut().zip([parts, corners, slenderness, primitive]) {
                 *sum += share / all * value;
             }
