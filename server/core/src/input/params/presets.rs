@@ -23,8 +23,8 @@ pub struct AccuracyTraits {
     pub glue_joints_factor: f64,
     /// The preset whose collision shapes have about as many parts: estimates take them for this one's.
     pub shapes_like: Accuracy,
-    /// The study's results: `visible_depth_p95_rel` of props whose collision shape is their own, a box, nearly a box, or
-    /// a ball; of the other props, whose shapes hold the mesh. The mean over the piles, and what nine of ten do not
+    /// The study's results: `visible_depth_p95_rel` of props whose collision shape is their own, a box, nearly a box,
+    /// or a ball; of the other props, whose shapes hold the mesh. The mean over the piles, and what nine of ten do not
     /// exceed. Not of carrots, whose leaves hook into each other at every preset but `draft`.
     pub overlaps: [[f64; 2]; 2],
     /// Likewise imbalance and shape, means over all piles. They differ less between the presets than between seeds.
