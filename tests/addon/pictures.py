@@ -52,10 +52,14 @@ def baked(area):
 
 
 def panel(area):
+    from cairn import running
+
     bpy.context.scene.cairn.kept_shape = "NATURAL"
     yield from baked(area)
     bpy.context.window_manager.cairn_states = True
     bpy.context.scene.frame_set(4)
+    # What is expected of a natural pile, not of the one before.
+    yield from wait(lambda: not running.plan_is_old, "the estimates")
 
 
 def live(_):
