@@ -23,7 +23,8 @@ pub fn collection() -> (PathBuf, Vec<String>) {
     }
     let folder = root.join("examples/assets");
     let entries = std::fs::read_dir(&folder).unwrap();
-    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let files = entries.map(|entry| entry.unwrap()).filter(|entry| entry.path().is_file());
+    let mut names: Vec<String> = files.map(|entry| entry.file_name().into_string().unwrap()).collect();
     names.sort();
     (folder, names)
 }
