@@ -70,10 +70,7 @@ pub fn plan(
         left.retain(|&other| other != id);
         fallen.remove(&id);
         is_left[id] = false;
-        let Some(Some(mut arrival)) = known[id].take() else { break };
-        if arrival.is_from_elsewhere {
-            arrival = search.beside(id, &|id| is_left[id]).unwrap_or(arrival);
-        }
+        let Some(Some(arrival)) = known[id].take() else { break };
         for other in search.supports.neighbours(id).into_iter().filter(|&other| is_left[other]) {
             carried[other] = None;
             if search.supports.falls(other, &|id| is_left[id], &mut analyser) > 0.0 {

@@ -11,11 +11,10 @@ use cairn_statics::local::{Analyser, LocalContact, LocalProblem};
 use glam::{DMat3, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 
 /// A way in is good enough if contacts give all but this share of the momentum brought in.
 pub const GOOD: f64 = 0.005;
-/// Out of a stream, and with a bounce, so much.
+/// Out of a stream, so much.
 const FAIR: f64 = 0.1;
 /// Further ways in that are tried where the best one cuts something, and how far from that they are: in shares of its
 /// velocity, and per characteristic time.
@@ -35,9 +34,6 @@ const BOUNCE_SPEED: [f64; 2] = [0.25, 1.1];
 const BOUNCE_ASIDE: f64 = 0.45;
 const BOUNCE_SPIN: f64 = 0.6;
 const BOUNCE_TIME: [f64; 2] = [0.4, 4.0];
-/// The same, off something beside a place that is not open from above: rounds over all free directions.
-const BESIDE: usize = 12;
-const BESIDE_SPEED: [f64; 2] = [0.3, 2.5];
 /// The fastest spin before a bounce, per characteristic time.
 const INCOMING_SPIN: f64 = 2.0;
 
@@ -50,17 +46,11 @@ pub struct Arrival {
     /// Momentum that no contact gives.
     pub guided: f64,
     pub passage: Passage,
-    /// It does not come out of the stream, although there is one.
-    pub is_from_elsewhere: bool,
 }
 
 impl Arrival {
     pub fn is_good(&self) -> bool {
         self.passage.is_clear() && self.guided <= GOOD * self.momentum
-    }
-
-    fn is_fair(&self) -> bool {
-        self.passage.is_clear() && self.guided <= FAIR * self.momentum
     }
 
     fn rank(&self) -> (f64, f64) {
@@ -168,8 +158,8 @@ impl Search<'_> {
         let (mut best, mut blockers): (Option<Arrival>, Vec<BodyId>) = (None, Vec::new());
         for attempt in 0..ATTEMPTS {
             // One that comes from outside the stream is seen at once.
-            let is_from_elsewhere = attempt >= OWN && self.source.is_stream();
-            if is_from_elsewhere && best.as_ref().is_some_and(Arrival::is_fair) {
+            let is_fair = |best: &Arrival| best.passage.is_clear() && best.guided <= FAIR * best.momentum;
+            if attempt >= OWN && self.source.is_stream() && best.as_ref().is_some_and(is_fair) {
                 break;
             }
             let Some(flights) = self.flights(id, &end, attempt, &free, &mut rng) else { continue };
@@ -185,7 +175,7 @@ impl Search<'_> {
             let most = best.as_ref().map_or(DEEPEST, |best| best.rank().0.clamp(sweep::ALLOWED, DEEPEST));
             let passage = sweep::pass(self.world, id, &path, is_there, most);
             blockers.extend_from_slice(&passage.blockers);
-            let found = Arrival { path, momentum, guided, passage, is_from_elsewhere };
+            let found = Arrival { path, momentum, guided, passage };
             if best.as_ref().is_none_or(|best| found.rank() < best.rank()) {
                 best = Some(found);
             }
@@ -217,7 +207,7 @@ impl Search<'_> {
             let guided = momentum * self.supports.missing(id, is_there, force, moment, &mut analyser);
             let path = Path { flights };
             let passage = sweep::pass(self.world, id, &path, is_there, best.passage.cut.max(sweep::ALLOWED));
-            let found = Arrival { path, momentum, guided, passage, is_from_elsewhere: than.is_from_elsewhere };
+            let found = Arrival { path, momentum, guided, passage };
             if found.rank() < best.rank() {
                 best = found;
             }
@@ -252,48 +242,14 @@ impl Search<'_> {
         if !self.source.starts.is_empty() {
             return None;
         }
+        let end = self.world.pose(id);
         (0..BOUNCES).find_map(|k| {
             let mut rng = self.rng(id, k + 1);
-            let down = rng.random_range(BOUNCE_SPEED[0]..BOUNCE_SPEED[1]);
-            let aside = BOUNCE_ASIDE * down.min(1.0) * rng.random::<f64>();
-            let way = direction(&mut rng);
-            let aside = aside * DVec3::new(way.x, 0.0, way.z).normalize_or_zero();
-            let spin = BOUNCE_SPIN * rng.random::<f64>() * direction(&mut rng);
-            let twist = Twist { velocity: aside - down * DVec3::Y, spin };
-            let found = self.with_hop(id, twist, is_there, &mut rng, analyser)?;
+            let (hop, impact) = self.hop(id, &end, is_there, &mut rng, analyser)?;
+            let found = self.before_bounce(id, hop, impact, is_there, &mut rng, analyser)?;
             let enough = (GOOD * found.momentum).max(than.guided);
             (found.passage.is_clear() && found.guided <= enough).then_some(found)
         })
-    }
-
-    /// A way in for a body whose place is not open to the stream: it falls beside it first, and bounces in along what
-    /// is free.
-    pub fn beside(&self, id: BodyId, is_there: &(dyn Fn(BodyId) -> bool + Sync)) -> Option<Arrival> {
-        let normals: Vec<DVec3> = self.supports.normals(id, is_there).collect();
-        let free = free_directions(&normals);
-        let [slowest, fastest] = BESIDE_SPEED;
-        (0..BESIDE * free.len()).into_par_iter().find_map_first(|k| {
-            let (round, way) = (k / free.len(), free[k % free.len()]);
-            let mut rng = self.rng(id, BOUNCES + 2 + k as u64);
-            let speed = slowest + (fastest - slowest) * (round as f64 + rng.random::<f64>()) / BESIDE as f64;
-            // Every other round without a turn.
-            let turn = if round % 2 == 0 { 0.0 } else { BOUNCE_SPIN * rng.random::<f64>() };
-            let twist = Twist { velocity: -speed * way, spin: turn * direction(&mut rng) };
-            self.with_hop(id, twist, is_there, &mut rng, &mut Analyser::new()).filter(Arrival::is_fair)
-        })
-    }
-
-    /// A way in that ends like this after a bounce off something.
-    fn with_hop(
-        &self,
-        id: BodyId,
-        twist: Twist,
-        is_there: &dyn Fn(BodyId) -> bool,
-        rng: &mut Pcg64Mcg,
-        analyser: &mut Analyser,
-    ) -> Option<Arrival> {
-        let (hop, guided) = self.hop(id, &self.world.pose(id), twist, is_there, analyser)?;
-        self.before_bounce(id, hop, guided, is_there, rng, analyser)
     }
 
     /// A small jump to the end, from where it touches something; and the momentum that no contact gives at its end.
@@ -301,15 +257,21 @@ impl Search<'_> {
         &self,
         id: BodyId,
         end: &Pose,
-        twist: Twist,
         is_there: &dyn Fn(BodyId) -> bool,
+        rng: &mut Pcg64Mcg,
         analyser: &mut Analyser,
     ) -> Option<(Flight, f64)> {
         let (mass, _, inertia) = self.body(id, end);
+        let down = rng.random_range(BOUNCE_SPEED[0]..BOUNCE_SPEED[1]);
+        let aside = BOUNCE_ASIDE * down.min(1.0) * rng.random::<f64>();
+        let way = direction(rng);
+        let aside = aside * DVec3::new(way.x, 0.0, way.z).normalize_or_zero();
+        let twist =
+            Twist { velocity: aside - down * DVec3::Y, spin: BOUNCE_SPIN * rng.random::<f64>() * direction(rng) };
         let (force, moment) = (-mass * twist.velocity, -(inertia * twist.spin));
         let momentum = self.size(id, force, moment);
         let guided = momentum * self.supports.missing(id, is_there, force, moment, analyser);
-        if guided > FAIR * momentum {
+        if guided > 0.1 * momentum {
             return None;
         }
         let flight = Flight::new(*end, twist, BOUNCE_TIME[1], &self.inertia[id]);
@@ -350,12 +312,12 @@ impl Search<'_> {
         let missing = analyser.missing(&problem, force, moment).ok()?;
         let momentum = self.size(id, mass * before.velocity, inertia * before.spin);
         let guided = guided + missing * self.size(id, force, moment);
-        if guided > FAIR * momentum {
+        if guided > 0.1 * momentum {
             return None;
         }
         let path = Path { flights: vec![hop, Flight::new(touch, before, duration, &self.inertia[id])] };
         let passage = sweep::pass(self.world, id, &path, is_there, sweep::ALLOWED);
-        Some(Arrival { path, momentum, guided, passage, is_from_elsewhere: false })
+        Some(Arrival { path, momentum, guided, passage })
     }
 
     /// The contacts of a body at a pose with what is there.
