@@ -168,6 +168,20 @@ fn a_plan_tells_what_the_study_found() {
     }
 }
 
+/// A book is a hull that fills its box: what overlaps there is seen, as of a stick. A banana's shape holds its mesh.
+#[test]
+fn what_is_nearly_a_box_is_expected_to_overlap_as_boxes_do() {
+    let desk = Desk::new();
+    let overlap = |prop: &str| {
+        let prop = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(prop);
+        let plan = desk.line(&format!("plan --control cone.glb --prop {} --accuracy draft --json", prop.display()));
+        let plan: Value = serde_json::from_str(&plan.ok()).unwrap();
+        plan["estimates"][0]["overlap_rel"].as_f64().unwrap()
+    };
+    assert_eq!(overlap("book.glb"), overlap("stick.glb"));
+    assert!(overlap("banana.glb") < overlap("stick.glb"));
+}
+
 /// The accuracy `auto` keeps to its time, up to a quarter, and to its overlap on nine of ten piles
 /// (`tests/studies/accuracy/goals`).
 #[test]
