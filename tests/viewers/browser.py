@@ -11,7 +11,8 @@ SECONDS = 180  # until a browser that does not answer is given up
 
 
 def ask(chromium, files, page, flags=()):
-    """What the page at this address posts to /answer. `files` gives the file or the bytes of a path of the address."""
+    """What this page posts to /answer: an address on a server of its own, for which `files` gives the file or the bytes of a
+    path; or that of a file on the disk, in which {port} becomes the server's port."""
     answer = []
     answered = threading.Event()
 
@@ -40,7 +41,8 @@ def ask(chromium, files, page, flags=()):
     server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
     threading.Thread(target=server.serve_forever, daemon=True).start()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        address = f"http://127.0.0.1:{server.server_port}/{page}"
+        here = page.startswith("file:")
+        address = page.format(port=server.server_port) if here else f"http://127.0.0.1:{server.server_port}/{page}"
         command = [chromium, "--headless", "--no-sandbox", "--disable-dev-shm-usage", *flags]
         browser = subprocess.Popen(
             [*command, f"--user-data-dir={profile}", address], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

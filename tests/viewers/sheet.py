@@ -1,66 +1,44 @@
 """sheet.py CHROMIUM PAGE: a contact sheet, opened from the disk, shows its first result and moves it, with no error."""
 
-import html.parser
 import pathlib
-import subprocess
 import sys
 import tempfile
 
-SECONDS = 180  # until a browser that does not answer is given up
+import browser
 
-# How many frames a browser without a screen draws is not to be relied on: somebody moves the slider to the middle.
+# Before the page's own scripts: its errors. After them: once a result is shown, somebody moves the slider to the middle.
+ERRORS = """<script>
+  const send = (answer) =>
+    fetch(`http://127.0.0.1:${location.hash.slice(1)}/answer`, { method: "POST", mode: "no-cors", body: JSON.stringify(answer) });
+  addEventListener("error", (event) => send({ error: event.message }));
+  addEventListener("unhandledrejection", (event) => send({ error: String(event.reason) }));
+</script>"""
 MOVES = """<script>
+  let moved = false;
   const wait = setInterval(() => {
-    if (document.body.dataset.shown === undefined) return;
-    clearInterval(wait);
-    const seek = document.getElementById("seek");
-    seek.value = seek.max / 2;
-    seek.dispatchEvent(new Event("input"));
+    const { shown, time } = document.body.dataset;
+    if (shown === undefined) return;
+    if (!moved) {
+      const seek = document.getElementById("seek");
+      seek.value = seek.max / 2;
+      seek.dispatchEvent(new Event("input"));
+      moved = true;
+    } else if (time > 0) {
+      clearInterval(wait);
+      send({ shown, tiles: document.getElementsByClassName("tile").length });
+    }
   }, 100);
 </script>"""
 
 chromium, page = sys.argv[1:]
-
-
-class Page(html.parser.HTMLParser):
-    """The body's attributes, and how many results there are to choose."""
-
-    body: dict[str, str | None] = {}
-    tiles = 0
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        if tag == "body":
-            self.body = attrs
-        self.tiles += attrs.get("class") == "tile"
-
-
-with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-    moved = pathlib.Path(profile, "moved.html")
-    moved.write_text(pathlib.Path(page).read_text() + MOVES)
-    done = subprocess.run(
-        [
-            chromium,
-            "--headless",
-            "--no-sandbox",
-            "--disable-dev-shm-usage",
-            "--use-angle=swiftshader",
-            "--enable-unsafe-swiftshader",
-            "--enable-logging=stderr",
-            f"--user-data-dir={profile}",
-            # Without a picture to make, it draws nothing.
-            "--virtual-time-budget=8000",
-            f"--screenshot={profile}/page.png",
-            "--dump-dom",
-            moved.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-    )
-found = Page()
-found.feed(done.stdout)
-errors = [line for line in done.stderr.splitlines() if "CONSOLE" in line and ("Uncaught" in line or "Error" in line)]
-if errors or found.tiles < 2 or found.body.get("data-shown") != "0" or not float(found.body.get("data-time") or 0) > 0:
-    raise SystemExit(f"contact sheet: {found.tiles} results, {found.body}, {errors}")
-print(f"contact sheet: {found.tiles} results; the first one moves")
+with tempfile.TemporaryDirectory() as folder:
+    watched = pathlib.Path(folder, "watched.html")
+    language = '<html lang="en">'
+    text = pathlib.Path(page).read_text()
+    assert text.count(language) == 1
+    watched.write_text(text.replace(language, language + ERRORS) + MOVES)
+    flags = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    found = browser.ask(chromium, lambda _: None, watched.as_uri() + "#{port}", flags)
+if found["tiles"] < 2 or found["shown"] != "0":
+    raise SystemExit(f"contact sheet: {found}")
+print(f"contact sheet: {found['tiles']} results; the first one moves")
