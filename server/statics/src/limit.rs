@@ -31,7 +31,7 @@
 use crate::global::{BALANCED, BalanceProgram, GlobalBody, GlobalContact, GlobalProblem, GlobalProblemError};
 use crate::program::{Triplets, clip};
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT, ZeroConeT};
+use clarabel::solver::SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT};
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver};
 use glam::DVec3;
 
@@ -154,33 +154,6 @@ pub fn weights(bodies: &[GlobalBody], gravity: DVec3) -> Vec<Load> {
 /// acceleration of the ground against it, in g, and the tangent of the angle by which the ground may be tilted.
 pub fn shake(bodies: &[GlobalBody], gravity: f64, way: DVec3) -> Vec<Load> {
     bodies.iter().map(|body| Load { force: body.mass * gravity * way, moment: DVec3::ZERO }).collect()
-}
-
-/// Of all forces that balance a pile, the smallest by the sum of squares, each in the weight of the contact's lighter
-/// body; and what they leave, the sum over the bodies, each relative to its weight. `None` where none were found. They
-/// load all contacts of a face alike, where the limit's own load as few as they can.
-pub fn evenly(pile: &GlobalProblem) -> Result<Option<(Vec<DVec3>, f64)>, GlobalProblemError> {
-    let program = BalanceProgram::new(pile)?;
-    let (bodies, width) = (pile.bodies.len(), 3 * program.links.len());
-    if width == 0 {
-        return Ok((bodies == 0).then(|| (Vec::new(), 0.0)));
-    }
-    let down = pile.gravity.normalize();
-    let mut a = Triplets::default();
-    let mut cones: Vec<SupportedConeT<f64>> = vec![ZeroConeT(6 * bodies)];
-    let mut rhs: Vec<f64> = (0..bodies).flat_map(|_| [down.x, down.y, down.z, 0.0, 0.0, 0.0]).collect();
-    program.contact_forces(&mut a);
-    program.friction(&mut a, &mut cones);
-    rhs.resize(a.height, 0.0);
-    let diagonal: Vec<usize> = (0..width).collect();
-    let p = CscMatrix::new_from_triplets(width, width, diagonal.clone(), diagonal, vec![1.0; width]);
-    let matrix = CscMatrix::new_from_triplets(a.height, width, a.rows, a.columns, a.values);
-    let mut solver = DefaultSolver::new(&p, &vec![0.0; width], &matrix, &rhs, &cones, Accuracy::Fine.settings())
-        .map_err(|e| GlobalProblemError::Solver(e.to_string()))?;
-    solver.solve();
-    let (forces, imbalance, _) = program.substituted(&solver.solution.x);
-    let imbalance: f64 = imbalance.iter().sum();
-    Ok(is_balance(imbalance, bodies).then_some((forces, imbalance)))
 }
 
 /// Whether forces that leave so much balance a pile: as for glue, per thousand bodies where there are more.

@@ -30,8 +30,9 @@ const NOTHING: f64 = 1e-8;
 
 /// The most bodies of a region.
 pub const LARGEST_REGION: usize = 30;
-/// The most bodies whose forces are corrected.
-const MOST_CORRECTED: usize = 400;
+/// The most bodies whose forces are corrected, at first and where that does not suffice; and the imbalance, in weights,
+/// beyond which more bodies hardly ever help.
+const CORRECTED: [(usize, f64); 3] = [(40, 3.0), (130, 0.3), (400, 0.0)];
 /// Programs for all removals from a pile of one body; of more, a share: between these two. What is not settled then
 /// stays open.
 const PROGRAMS: u64 = 200_000;
@@ -179,11 +180,31 @@ impl<'a> Removals<'a> {
         neighbours: &[usize],
         going: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Option<Vec<(usize, DVec3)>> {
+        for (most, hopeless) in CORRECTED {
+            let corrected = self.rebalanced_of(body, neighbours, most, going)?;
+            if corrected.imbalance <= BALANCED {
+                return Some(corrected.forces);
+            }
+            if corrected.is_all || corrected.imbalance > hopeless {
+                break;
+            }
+        }
+        None
+    }
+
+    /// The same where the forces of at most so many bodies are corrected, balanced or not.
+    fn rebalanced_of(
+        &self,
+        body: usize,
+        neighbours: &[usize],
+        most: usize,
+        going: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Option<Corrected> {
         let depth = |one: usize| self.pile.bodies[one].center_of_mass.dot(self.pile.gravity);
         let mut members = neighbours.to_vec();
         let mut seen: BTreeSet<usize> = members.iter().copied().chain([body]).collect();
         let (mut at, mut ring) = (0, (0, members.len()));
-        while at < members.len() && members.len() < MOST_CORRECTED {
+        while at < members.len() && members.len() < most {
             if at == ring.1 {
                 ring = (ring.0 + 1, members.len());
             }
@@ -192,6 +213,7 @@ impl<'a> Removals<'a> {
             members.extend(self.neighbours(one).into_iter().filter(|&other| joins(other) && seen.insert(other)));
             at += 1;
         }
+        let is_all = at == members.len();
         members.sort_unstable();
         let number: BTreeMap<usize, usize> = members.iter().enumerate().map(|(k, &member)| (member, k)).collect();
         let bodies: Vec<GlobalBody> = members.iter().map(|&member| self.pile.bodies[member]).collect();
@@ -230,7 +252,7 @@ impl<'a> Removals<'a> {
         let problem = GlueProblem { bodies: &bodies, contacts: &contacts, sites: &sites, gravity: self.pile.gravity };
         let forces: Vec<DVec3> = places.iter().map(|&at| self.forces[at]).collect();
         let (forces, imbalance) = glue::rebalance(&problem, &loads, &forces, going).ok()?;
-        (imbalance <= BALANCED).then(|| places.into_iter().zip(forces).collect())
+        Some(Corrected { forces: places.into_iter().zip(forces).collect(), imbalance, is_all })
     }
 
     /// Contacts that touch one of these bodies, ascending.
@@ -319,6 +341,16 @@ impl<'a> Removals<'a> {
         let limit = limit::find(&problem)?;
         Ok(Region { limit, places })
     }
+}
+
+/// Forces corrected for a body that is gone.
+struct Corrected {
+    /// By contact.
+    forces: Vec<(usize, DVec3)>,
+    /// Sum over the bodies, each relative to its weight.
+    imbalance: f64,
+    /// No more bodies could be corrected.
+    is_all: bool,
 }
 
 /// The limit of a region.

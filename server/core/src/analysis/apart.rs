@@ -92,7 +92,8 @@ pub fn of(pile: &PileContacts, found: &Found, going: &mut Going) -> Result<Apart
     let height = |body: usize| pile.bodies[body].center_of_mass.y;
     left.sort_by(|&a, &b| height(b).total_cmp(&height(a)).then(a.cmp(&b)));
     // Nothing near has gone since it was found that it cannot go.
-    let mut is_known = vec![false; count];
+    let is_safe = |removal: &Option<Removal>| removal.as_ref().is_some_and(|removal| removal.is_safe);
+    let mut is_known: Vec<bool> = answers.iter().map(|removal| !is_safe(removal)).collect();
     let mut order = Vec::new();
     loop {
         let fraction = 0.5 + 0.3 * order.len() as f64 / count.max(1) as f64;

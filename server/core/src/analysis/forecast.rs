@@ -25,7 +25,7 @@ pub fn forecast(
     observer: &mut dyn Observer,
 ) -> Result<PileForecast, Error> {
     let pile = PileContacts::new(world, options.gap);
-    let mut going = Going { observer, bodies: pile.bodies.len() };
+    let mut going = Going { observer, bodies: pile.bodies.len(), last: 0.0 };
     let own = own::of(&pile, &mut going)?;
     let found = standing::of(&pile, &own, options.friction_share, &mut going)?;
     let index = |id: &BodyId| pile.ids.binary_search(id).ok();

@@ -41,7 +41,7 @@ pub fn of(pile: &PileContacts, going: &mut Going) -> Result<(Vec<NeededDot>, Vec
     }
     let beyond = (0..joined.len()).filter(|&k| !joined[k]).map(|k| pile.ids[k]).collect();
     let gone: Vec<bool> = joined.iter().map(|is_joined| !is_joined).collect();
-    let part = super::standing::Part::new(pile, &gone, |_| 1.0);
+    let part = super::part::Part::new(pile, &gone, |_| 1.0);
     if part.bodies.is_empty() {
         return Ok((Vec::new(), beyond));
     }

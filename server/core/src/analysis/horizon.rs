@@ -38,6 +38,11 @@ impl Horizon {
         }
     }
 
+    /// It stands so far in a direction.
+    pub fn stands(&mut self, k: usize, distance: f64) {
+        self.inner.push(distance * planar(own::way(k).0));
+    }
+
     /// How far it stands at least, and at most, along a direction.
     pub fn along(&self, k: usize) -> (f64, f64) {
         let way = planar(own::way(k).0);

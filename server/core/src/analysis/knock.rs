@@ -3,7 +3,8 @@
 use super::horizon::Horizon;
 use super::loads::Loads;
 use super::own;
-use super::standing::{Found, Part};
+use super::part::Part;
+use super::standing::Found;
 use super::{AZIMUTHS, Going, PileContacts};
 use crate::error::Error;
 use cairn_statics::limit::{self, Limit, Load};

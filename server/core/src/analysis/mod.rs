@@ -21,6 +21,7 @@ mod horizon;
 mod knock;
 mod loads;
 mod own;
+mod part;
 mod problem;
 mod standing;
 mod whole;
@@ -152,14 +153,22 @@ pub struct PileAnalysis {
 struct Going<'o> {
     observer: &'o mut dyn Observer,
     bodies: usize,
+    /// Share of the whole.
+    last: f64,
 }
 
 impl Going<'_> {
     fn on(&mut self, fraction: f64) -> Result<(), Error> {
+        self.last = fraction;
         let bodies = self.bodies;
         let progress =
             Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0, frames: 0 };
         observe(self.observer, &progress)
+    }
+
+    /// The progress stays.
+    fn flow_on(&mut self) -> ControlFlow<()> {
+        self.flow(self.last)
     }
 
     fn flow(&mut self, fraction: f64) -> ControlFlow<()> {
@@ -170,7 +179,7 @@ impl Going<'_> {
 /// Analyses a pile as it stands in a world.
 pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer) -> Result<PileAnalysis, Error> {
     let pile = PileContacts::new(world, options.gap);
-    let mut going = Going { observer, bodies: pile.bodies.len() };
+    let mut going = Going { observer, bodies: pile.bodies.len(), last: 0.0 };
     going.on(0.0)?;
     let own = own::of(&pile, &mut going)?;
     let found = standing::of(&pile, &own, options.friction_share, &mut going)?;

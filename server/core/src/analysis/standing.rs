@@ -1,14 +1,16 @@
 //! Which bodies stand: forces that balance all at once, or those that miss support.
 
 use super::own::Own;
+use super::part::Part;
 use super::{Going, PileContacts};
 use crate::error::Error;
-use cairn_statics::global::{self, GlobalBody, GlobalContact, GlobalProblem, Objective};
-use cairn_statics::limit::{self, Accuracy, Limit, LimitProblem, Load};
+use cairn_statics::global::{GlobalBody, GlobalContact};
+use cairn_statics::limit::Load;
+use cairn_statics::local::{Analyser, LocalContact, LocalProblem, Verdict};
 use glam::DVec3;
 
-/// A body falls that misses at least this share of what the one that misses most does, in its weight, and more than
-/// nothing.
+/// A body falls that misses at least this share of what the one that misses most does, of all or, in a large pile, of
+/// those around it; in its weight, and more than nothing.
 const AS_MUCH: f64 = 0.5;
 const SOMETHING: f64 = 1e-3;
 
@@ -25,54 +27,6 @@ pub struct Found {
     /// The share of each contact's friction within which the forces are. Shape `[contact]`.
     pub shares: Vec<f64>,
     pub programs: u64,
-}
-
-/// A pile without some of its bodies.
-pub struct Part {
-    /// Index in the whole pile. Shape `[body of the part]`, `[contact of the part]`.
-    pub bodies: Vec<usize>,
-    pub contacts: Vec<usize>,
-    pub part_bodies: Vec<GlobalBody>,
-    pub part_contacts: Vec<GlobalContact>,
-}
-
-impl Part {
-    /// What is left without the bodies that are `gone`, shape `[body]`; `share`: of the friction of a contact, by its
-    /// index.
-    pub fn new(pile: &PileContacts, gone: &[bool], share: impl Fn(usize) -> f64) -> Part {
-        let bodies: Vec<usize> = (0..gone.len()).filter(|&body| !gone[body]).collect();
-        let number = |body: usize| bodies.binary_search(&body).ok();
-        let is_left = |c: &GlobalContact| !gone[c.body] && c.other.is_none_or(|other| !gone[other]);
-        let contacts: Vec<usize> = (0..pile.contacts.len()).filter(|&at| is_left(&pile.contacts[at])).collect();
-        let contact = |&at: &usize| {
-            let c = pile.contacts[at];
-            GlobalContact {
-                body: number(c.body).unwrap_or_default(),
-                other: c.other.and_then(number),
-                friction: c.friction * share(at),
-                ..c
-            }
-        };
-        Part {
-            part_bodies: bodies.iter().map(|&body| pile.bodies[body]).collect(),
-            part_contacts: contacts.iter().map(contact).collect(),
-            bodies,
-            contacts,
-        }
-    }
-
-    /// The share of gravity that the contacts can bear: 1 if the part stands.
-    pub fn bears(&self) -> Result<Limit, Error> {
-        let dead = vec![Load::default(); self.part_bodies.len()];
-        let live = limit::weights(&self.part_bodies, DVec3::NEG_Y);
-        self.limit(&dead, &live, 1.0)
-    }
-
-    pub fn limit(&self, dead: &[Load], live: &[Load], most: f64) -> Result<Limit, Error> {
-        let (bodies, contacts) = (&*self.part_bodies, &*self.part_contacts);
-        let problem = LimitProblem { bodies, contacts, gravity: 1.0, dead, live, most, accuracy: Accuracy::Fine };
-        limit::find(&problem).map_err(|error| Error::Internal(error.to_string()))
-    }
 }
 
 /// A body that needs nearly the cautious share of friction while its neighbours are held gets all that it needs, and
@@ -96,45 +50,115 @@ pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Re
     let needy: Vec<f64> =
         pile.contacts.iter().map(|c| need(c.body).max(c.other.map_or(0.0, need)).clamp(share, 1.0)).collect();
     let halfway: Vec<f64> = needy.iter().map(|need| need.max((1.0 + share) / 2.0)).collect();
-    let steps = [found.shares.clone(), needy, halfway, vec![1.0; pile.contacts.len()]];
-    let mut step = 0;
-    loop {
+    let mut steps = vec![found.shares.clone(), needy, halfway, vec![1.0; pile.contacts.len()]];
+    // The same shares again would end in the same way.
+    steps.dedup();
+    let mut last = loop {
         going.on(0.05)?;
-        let shares = &steps[step];
-        let part = Part::new(pile, &found.falls, |at| shares[at]);
+        found.leave_out_alone(pile);
+        let part = Part::new(pile, &found.falls, |_| 1.0);
         if part.bodies.is_empty() {
             return Ok(found);
         }
+        if let Some(forces) = found.balance(&part, going)? {
+            break forces;
+        }
         found.programs += 1;
+        let missing = part.missing(SOMETHING, going)?;
+        found.leave_out(&part, &missing);
+    };
+    let mut shares = steps.pop().unwrap_or_default();
+    // What a body needs even while its neighbours are held, the whole needs.
+    let enough = |step: &[f64]| {
+        let needs =
+            |body: usize, at: usize| !found.falls[body] && own[body].friction.is_some_and(|need| need > step[at]);
+        let contact =
+            |(at, c): (usize, &GlobalContact)| needs(c.body, at) || c.other.is_some_and(|other| needs(other, at));
+        !pile.contacts.iter().enumerate().any(contact)
+    };
+    steps.retain(|step| enough(step));
+    for step in steps {
+        going.on(0.05)?;
+        let part = Part::new(pile, &found.falls, |at| step[at]);
+        if let Some(forces) = found.balance(&part, going)? {
+            (last, shares) = (forces, step);
+            break;
+        }
+    }
+    let part = Part::new(pile, &found.falls, |at| shares[at]);
+    let (forces, imbalance) = last;
+    part.contacts.iter().zip(&forces).for_each(|(&at, &force)| found.forces[at] = force);
+    (found.imbalance, found.shares) = (imbalance, shares);
+    Ok(found)
+}
+
+impl Found {
+    /// Forces that balance a part, and what they leave; `None` where none were found.
+    fn balance(&mut self, part: &Part, going: &mut Going) -> Result<Option<(Vec<DVec3>, f64)>, Error> {
+        self.programs += 1;
+        let forces = part.balance(&vec![Load::default(); part.bodies.len()], going)?;
+        if forces.is_some() || part.is_large() {
+            return Ok(forces);
+        }
         let limit = part.bears()?;
-        if limit.reaches(1.0) {
-            // Forces that load all contacts alike leave room for what comes next.
-            found.programs += 1;
-            let rest =
-                GlobalProblem { bodies: &part.part_bodies, contacts: &part.part_contacts, gravity: DVec3::NEG_Y };
-            let even = limit::evenly(&rest).map_err(|error| Error::Internal(error.to_string()))?;
-            let (forces, imbalance) = even.unwrap_or((limit.forces, limit.imbalance));
-            part.contacts.iter().zip(&forces).for_each(|(&at, &force)| found.forces[at] = force);
-            (found.imbalance, found.shares) = (imbalance, shares.clone());
-            return Ok(found);
-        }
-        if step + 1 < steps.len() {
-            step += 1;
-            // The same shares again would end in the same way.
-            while step + 1 < steps.len() && steps[step] == steps[step - 1] {
-                step += 1;
+        Ok(limit.reaches(1.0).then_some((limit.forces, limit.imbalance)))
+    }
+
+    /// Bodies that fall even while those that are left are held, and then those that rested on them.
+    fn leave_out_alone(&mut self, pile: &PileContacts) {
+        let mut analyser = Analyser::new();
+        let mut is_new = true;
+        while std::mem::take(&mut is_new) {
+            let mut touching: Vec<Vec<LocalContact>> = vec![Vec::new(); pile.bodies.len()];
+            for c in &pile.contacts {
+                let contact = LocalContact { point: c.point, normal: c.normal, friction: c.friction };
+                if self.falls[c.body] || c.other.is_some_and(|other| self.falls[other]) {
+                    continue;
+                }
+                touching[c.body].push(contact);
+                if let Some(other) = c.other {
+                    touching[other].push(LocalContact { normal: -c.normal, ..contact });
+                }
             }
-            continue;
+            for (body, contacts) in touching.iter().enumerate() {
+                if self.falls[body] {
+                    continue;
+                }
+                let GlobalBody { mass, center_of_mass, radius } = pile.bodies[body];
+                let problem = LocalProblem { contacts, mass, center_of_mass, radius, gravity: DVec3::NEG_Y };
+                match analyser.analyse(&problem, &Default::default()) {
+                    Ok(Verdict::Unstable { residual, .. }) if residual >= SOMETHING => {
+                        (self.falls[body], self.missing[body], is_new) = (true, residual, true);
+                    }
+                    _ => (),
+                }
+            }
         }
-        found.programs += 1;
-        let rest = GlobalProblem { bodies: &part.part_bodies, contacts: &part.part_contacts, gravity: DVec3::NEG_Y };
-        let balance = global::analyse(&rest, Objective::SumOfNorms { sharpen: 2 })
-            .map_err(|error| Error::Internal(error.to_string()))?;
-        let most = balance.imbalance.iter().copied().fold(0.0, f64::max);
-        let least = (AS_MUCH * most).max(SOMETHING.min(most));
-        for (k, &missing) in balance.imbalance.iter().enumerate().filter(|(_, missing)| **missing >= least) {
-            (found.falls[part.bodies[k]], found.missing[part.bodies[k]]) = (true, missing);
+    }
+
+    /// Those that miss most of a part's bodies, or of those around them where the part is large.
+    fn leave_out(&mut self, part: &Part, missing: &[f64]) {
+        let all = missing.iter().copied().fold(0.0, f64::max);
+        let mut around = vec![all; missing.len()];
+        if part.is_large() {
+            around = missing.to_vec();
+            for _ in 0..RINGS {
+                let inner = around.clone();
+                for site in &part.sites {
+                    let Some(other) = site.other else { continue };
+                    around[site.body] = around[site.body].max(inner[other]);
+                    around[other] = around[other].max(inner[site.body]);
+                }
+            }
         }
-        step = 0;
+        for (k, &missing) in missing.iter().enumerate() {
+            let least = (AS_MUCH * around[k]).max(SOMETHING.min(all));
+            if missing >= least {
+                (self.falls[part.bodies[k]], self.missing[part.bodies[k]]) = (true, missing);
+            }
+        }
     }
 }
+
+/// Neighbours of neighbours, so many times, are around a body.
+const RINGS: usize = 3;

@@ -4,10 +4,11 @@ use super::horizon::Horizon;
 use super::knock::{self, KnockOver};
 use super::loads::Loads;
 use super::own::{self, Own};
-use super::standing::{Found, Part};
+use super::part::Part;
+use super::standing::Found;
 use super::{AZIMUTHS, AnalysedBody, Going, PileContacts};
 use crate::error::Error;
-use cairn_statics::limit;
+use cairn_statics::limit::{self, Load};
 use cairn_statics::local::margin::SLACK;
 use glam::DVec3;
 
@@ -15,10 +16,9 @@ use glam::DVec3;
 const MOST: f64 = own::MOST_PUSH;
 /// Bounds on a tilt that are no farther apart need no more programs, degrees.
 const NEAR: f64 = 0.5;
-/// Programs for tilts: as many as directions for a small pile, and no less than this for a large one.
-const LEAST_PROGRAMS: usize = 2;
-/// Bodies times programs, about: an analysis has a time that grows with the pile, not with its square.
-const WORK: usize = 3000;
+/// Where not one program can be afforded, loads in the four directions are tried without one, at these shares of the
+/// least load that is known to bring the pile down, until it stands in all four.
+const TRIALS: [f64; 3] = [0.8, 0.4, 0.2];
 /// Halvings between shares of friction.
 const HALVINGS: usize = 6;
 
@@ -68,7 +68,7 @@ pub fn of(
 ) -> Result<WholePile, Error> {
     let part = Part::new(pile, &found.falls, |_| 1.0);
     let dead = limit::weights(&part.part_bodies, DVec3::NEG_Y);
-    let most_programs = (WORK / part.bodies.len().max(1)).clamp(LEAST_PROGRAMS, AZIMUTHS);
+    let most_programs = part.affordable().min(AZIMUTHS);
     let mut horizon = Horizon::new(MOST);
     // A body that moves even while its neighbours are held bounds the whole.
     for (k, most) in horizon.alone.iter_mut().enumerate() {
@@ -81,19 +81,7 @@ pub fn of(
     let (mut goes_first, mut least_found) = (Vec::new(), f64::INFINITY);
     while programs < most_programs {
         going.on(0.8 + 0.1 * programs as f64 / most_programs as f64)?;
-        // The direction in which the least is known; of equals, opposite ones first.
-        let degrees = |t: f64| libm::atan(t).to_degrees();
-        let apart = |k: usize| {
-            let (least, most) = horizon.along(k);
-            degrees(most) - degrees(least)
-        };
-        let order = (0..AZIMUTHS).map(|k| (k * 5) % AZIMUTHS);
-        let widest =
-            order.filter(|&k| !asked[k]).map(|k| (apart(k), k)).reduce(|a, b| if b.0 > a.0 + 1e-9 { b } else { a });
-        let Some((width, k)) = widest else { break };
-        if width <= NEAR {
-            break;
-        }
+        let Some(k) = widest(&horizon, &asked) else { break };
         asked[k] = true;
         programs += 1;
         let way = own::way(k).0;
@@ -105,6 +93,9 @@ pub fn of(
             goes_first = limit.moving().map(|body| pile.ids[part.bodies[body]]).collect();
         }
     }
+    if most_programs == 0 {
+        try_all_ways(&part, &mut horizon, going)?;
+    }
     let tilts: Vec<TiltLimit> = (0..AZIMUTHS)
         .map(|k| {
             let (least, most) = horizon.along(k);
@@ -114,6 +105,12 @@ pub fn of(
         .collect();
     let least = |tilt: fn(&TiltLimit) -> f64| tilts.iter().map(tilt).fold(90.0, f64::min);
     let tilt = [least(|tilt| tilt.stands_to), least(|tilt| tilt.falls_from)];
+    if goes_first.is_empty() {
+        // Of what moves even while its neighbours are held, that which moves at the least tilt.
+        let least_of = |&&body: &&usize| own[body].push.map_or(MOST, |(push, _)| push);
+        let first = part.bodies.iter().min_by(|a, b| least_of(a).total_cmp(&least_of(b)).then(a.cmp(b)));
+        goes_first = first.into_iter().map(|&body| pile.ids[body]).collect();
+    }
     let azimuth = tilts.iter().find(|one| one.falls_from <= tilt[1]).map_or(0.0, |one| one.azimuth);
     let margin = |&id: &usize| bodies[id].least_push.unwrap_or(f64::INFINITY);
     let standing = part.bodies.iter().map(|&body| pile.ids[body]);
@@ -133,6 +130,42 @@ pub fn of(
     })
 }
 
+/// Looks for a load under which the part stands in all directions.
+fn try_all_ways(part: &Part, horizon: &mut Horizon, going: &mut Going) -> Result<(), Error> {
+    let least = horizon.alone.iter().copied().fold(MOST, f64::min);
+    if libm::atan(least).to_degrees() <= NEAR {
+        return Ok(());
+    }
+    for share in TRIALS {
+        let mut stands = true;
+        for k in (0..AZIMUTHS).step_by(AZIMUTHS / 4) {
+            going.on(0.85)?;
+            let loads = limit::shake(&part.part_bodies, 1.0, share * least * own::way(k).0);
+            stands = part.balance(&loads, going)?.is_some();
+            if !stands {
+                break;
+            }
+            horizon.stands(k, share * least);
+        }
+        if stands {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// The direction in which the least is known, of those that were not asked yet; of equals, opposite ones first.
+fn widest(horizon: &Horizon, asked: &[bool; AZIMUTHS]) -> Option<usize> {
+    let degrees = |t: f64| libm::atan(t).to_degrees();
+    let apart = |k: usize| {
+        let (least, most) = horizon.along(k);
+        degrees(most) - degrees(least)
+    };
+    let order = (0..AZIMUTHS).map(|k| (k * 5) % AZIMUTHS);
+    let widest = order.filter(|&k| !asked[k]).map(|k| (apart(k), k));
+    widest.reduce(|a, b| if b.0 > a.0 + 1e-9 { b } else { a }).filter(|(width, _)| *width > NEAR).map(|(_, k)| k)
+}
+
 /// The share of friction with which it cannot stand, and that with which it stands; and the programs solved.
 fn friction(
     pile: &PileContacts,
@@ -145,17 +178,26 @@ fn friction(
     let alone = standing.filter_map(|body| bodies[pile.ids[body]].least_friction).fold(0.0, f64::max);
     let used = found.shares.iter().copied().fold(0.0, f64::max);
     let (mut low, mut high) = ((alone - 0.5_f64.powi(10)).max(0.0), used.max(alone));
-    let most = (WORK / 2 / pile.bodies.len().max(1)).clamp(1, HALVINGS);
+    let affordable = Part::new(pile, &found.falls, |_| 1.0).affordable();
+    let most = (affordable / 2).clamp(1, HALVINGS);
     let mut programs = 0;
     // Most piles need no more than their neediest body does.
     let mut next = alone * 1.02 + 1e-3;
     while programs < most && high - low > 0.02 && next < high {
         going.on(0.9 + 0.1 * programs as f64 / most as f64)?;
         programs += 1;
-        let limit = Part::new(pile, &found.falls, |_| next).bears()?;
-        if limit.reaches(1.0) {
+        let part = Part::new(pile, &found.falls, |_| next);
+        let stands = part.balance(&vec![Load::default(); part.bodies.len()], going)?.is_some();
+        if !stands && affordable == 0 {
+            break;
+        }
+        let limit = if stands { None } else { Some(part.bears()?) };
+        let Some(limit) = limit.filter(|limit| !limit.reaches(1.0)) else {
             high = next;
-        } else if limit.falls_from < 1.0 {
+            next = (low + high) / 2.0;
+            continue;
+        };
+        if limit.falls_from < 1.0 {
             low = next;
         } else {
             break;

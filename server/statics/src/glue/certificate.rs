@@ -10,7 +10,7 @@ use super::factor::{ACCURATE, Factor, Mobility, Workspace};
 use super::program::{GlueForces, GlueProgram};
 use super::{GlueError, Going, MINOR, NOTHING, REPAIR_SHARE, interior_point};
 use crate::global::BALANCED;
-use crate::local::MOST_ITERATIONS;
+use crate::local;
 use nalgebra::{Vector3, Vector6};
 
 /// A balanced state, or the best one found.
@@ -40,6 +40,8 @@ const FEW: usize = 2;
 const COUNTED: f64 = 1000.0;
 /// Every joint is as movable as one that carries this much at least, in weights. (A contact: [`NOTHING`].)
 const LEAST_JOINT: f64 = 1.0;
+/// Bound on the iterations of a linear solve.
+pub const MOST_INNER: usize = local::MOST_ITERATIONS as usize;
 /// Beyond this many bodies, Clarabel takes longer than all other steps together.
 pub const MOST_BODIES: usize = 2000;
 
@@ -61,7 +63,7 @@ pub fn balance(
     weights.joints.fill(0.0);
     admm.run(&weights, APPROACH, NEAR * REPAIR_SHARE, going)?;
     let iterations = admm.iterations;
-    let nearly = correct(program, admm.state, &allowed, going)?;
+    let nearly = correct(program, admm.state, &allowed, MOST_INNER, going)?;
     let (state, imbalance) = add_where_short(program, nearly, &mut allowed, going)?;
     let bodies = program.target.len();
     let exact = if by_cone_program && imbalance > BALANCED && bodies <= MOST_BODIES {
@@ -115,7 +117,7 @@ fn add_where_short(
         }
         let more: Vec<usize> = more.into_iter().flatten().map(|(_, site)| site).collect();
         more.iter().for_each(|&site| allowed[site] = true);
-        let found = correct(program, best.0.clone(), allowed, going)?;
+        let found = correct(program, best.0.clone(), allowed, MOST_INNER, going)?;
         if found.1 >= best.1 {
             more.iter().for_each(|&site| allowed[site] = false);
             break;
@@ -125,11 +127,12 @@ fn add_where_short(
     Ok(best)
 }
 
-/// The best state found, and its imbalance.
+/// The best state found, and its imbalance. `most_inner`: bound on the iterations of each of its linear solves.
 pub fn correct(
     program: &GlueProgram,
     from: GlueForces,
     allowed: &[bool],
+    most_inner: usize,
     going: &mut Going,
 ) -> Result<(GlueForces, f64), GlueError> {
     let mut best = (from.clone(), unbalanced(program, &from));
@@ -158,7 +161,7 @@ pub fn correct(
         };
         program.imbalance(&state, &mut left);
         let mut multipliers = vec![Vector6::zeros(); left.len()];
-        Factor::new(program, &mobility).solve(&left, &mut multipliers, ACCURATE, MOST_ITERATIONS as usize, &mut work);
+        Factor::new(program, &mobility).solve(&left, &mut multipliers, ACCURATE, most_inner, &mut work);
         let GlueForces { contacts, joints, .. } = &mut state;
         let contact = |at: usize, step: Vector3<f64>| {
             let step = step * mobility.contacts[at];

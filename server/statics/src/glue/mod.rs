@@ -49,7 +49,7 @@ use glam::DVec3;
 pub use loads::Loads;
 pub use missing::missing;
 use program::{GlueForces, GlueProgram};
-pub use rebalance::rebalance;
+pub use rebalance::{balance as balance_contacts, rebalance};
 use std::collections::BTreeSet;
 use std::iter;
 use std::ops::{ControlFlow, Range};

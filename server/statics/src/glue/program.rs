@@ -5,6 +5,7 @@
 
 use super::{GlueError, GlueJoint, GlueOptions, GlueProblem};
 use crate::global::{self, GlobalContact};
+use crate::limit::Load;
 use glam::DVec3;
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 use std::ops::Range;
@@ -123,6 +124,15 @@ impl<'a> GlueProgram<'a> {
         let depth = |body: usize| pile.bodies[body].center_of_mass.dot(down);
         order.sort_by(|&a, &b| depth(a).total_cmp(&depth(b)).then(a.cmp(&b)));
         Ok(GlueProgram { pile, sites, contacts, target, order })
+    }
+
+    /// Adds loads to the weights. Shape `[body]`.
+    pub fn load(&mut self, loads: &[Load]) {
+        let g = self.pile.gravity.length();
+        for ((target, load), body) in self.target.iter_mut().zip(loads).zip(self.pile.bodies) {
+            let Load { force, moment } = load.in_weights(body, g);
+            *target -= Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
+        }
     }
 
     /// The sites that may be glued. Shape `[site]`.

@@ -1,11 +1,22 @@
 //! Contact forces that balance a pile which has changed a little, from those before.
 
-use super::admm::onto_cone;
+use super::admm::{Admm, GlueWeights, IterationLimits, onto_cone};
 use super::program::GlueProgram;
 use super::{GlueError, GlueProblem, Going, UNBOUNDED, certificate};
+use crate::global::BALANCED;
 use crate::limit::Load;
 use glam::DVec3;
-use nalgebra::Vector6;
+
+/// Runs of the splitting method, each with a correction, and the iterations of one. Most piles that stand are balanced in
+/// one; a run that leaves more than this share of what the best one left, which is far from balance, shows that others
+/// would not help.
+const RUNS: usize = 8;
+const RUN: IterationLimits = IterationLimits { least: 200, most: 200 };
+const BETTER: f64 = 0.9;
+const NEARLY: f64 = 1e-3;
+
+/// Iterations of a linear solve in a correction of forces: what needs more is hardly ever balanced in the end.
+const FEW_INNER: usize = 50;
 
 /// Forces near `forces` that balance every body under its weight and a load, and what they leave: the sum over the
 /// bodies, each relative to its weight. No joints. Shapes: `[body]`, `[contact]`.
@@ -16,15 +27,37 @@ pub fn rebalance(
     going: &mut Going,
 ) -> Result<(Vec<DVec3>, f64), GlueError> {
     let mut program = GlueProgram::new(pile, &UNBOUNDED, &vec![false; pile.bodies.len()])?;
-    let g = pile.gravity.length();
-    for ((target, load), body) in program.target.iter_mut().zip(loads).zip(pile.bodies) {
-        let Load { force, moment } = load.in_weights(body, g);
-        *target -= Vector6::new(force.x, force.y, force.z, moment.x, moment.y, moment.z);
-    }
+    program.load(loads);
     let mut state = program.state_of_contacts(forces);
     for (force, contact) in state.contacts.iter_mut().zip(&program.contacts) {
         *force = onto_cone(*force, 0.0, contact.friction);
     }
-    let (state, imbalance) = certificate::correct(&program, state, &vec![false; pile.sites.len()], going)?;
+    let (state, imbalance) = certificate::correct(&program, state, &vec![false; pile.sites.len()], FEW_INNER, going)?;
     Ok((program.forces(&state), imbalance))
+}
+
+/// Forces that balance every body under its weight and a load by contacts alone, not far from the smallest such forces,
+/// and what they leave: the sum over the bodies, each relative to its weight; in a large pile per thousand bodies. Where
+/// the pile stands, this takes a small part of the time of a cone program; where it does not, the search ends soon.
+/// Shapes: `[body]`, `[contact]`.
+pub fn balance(pile: &GlueProblem, loads: &[Load], going: &mut Going) -> Result<(Vec<DVec3>, f64), GlueError> {
+    let allowed = vec![false; pile.sites.len()];
+    let mut program = GlueProgram::new(pile, &UNBOUNDED, &vec![false; pile.bodies.len()])?;
+    program.load(loads);
+    let mut admm = Admm::new(&program, &allowed, false);
+    let weights = GlueWeights::even(&program, 0.0, false);
+    let mut best = (admm.state.clone(), f64::INFINITY);
+    for _ in 0..RUNS {
+        admm.run(&weights, RUN, 0.0, going)?;
+        let (state, imbalance) =
+            certificate::correct(&program, admm.state.clone(), &allowed, certificate::MOST_INNER, going)?;
+        let is_hopeless = imbalance > BETTER * best.1 && best.1 > NEARLY;
+        if imbalance < best.1 {
+            best = (state, imbalance);
+        }
+        if best.1 <= BALANCED || is_hopeless {
+            break;
+        }
+    }
+    Ok((program.forces(&best.0), best.1))
 }
