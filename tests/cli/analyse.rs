@@ -126,3 +126,33 @@ fn a_result_is_known() {
         answers["whole"]["tilt"]
     );
 }
+
+/// Of what a large pile needs, hardly anything is a cone program of the whole.
+#[test]
+fn a_large_pile_is_proven_by_its_forces() {
+    const ROWS: usize = 24;
+    const ACROSS: usize = 18;
+    let desk = Desk::new();
+    let mut places = Vec::new();
+    for row in 0..ROWS {
+        for at in 0..ACROSS - row % 2 {
+            let x = 0.41 * (at as f64 + 0.5 * (row % 2) as f64);
+            places.push(("brick", [x, 0.1 + 0.2 * row as f64, 0.0]));
+        }
+    }
+    desk.write("wall.glb", pile(&places));
+    let found = analysed(&desk, "analyse wall.glb --json");
+    assert_eq!(found["stands"], true);
+    assert!(number(&found["imbalance"]) <= 1e-5, "{}", found["imbalance"]);
+    let bodies = found["bodies"].as_array().unwrap();
+    let top = bodies.len() - (ACROSS - (ROWS - 1) % 2);
+    // Those at its ends keep the ones below from tipping.
+    assert!(bodies[top + 1..bodies.len() - 1].iter().all(|body| body["removal"]["is_safe"] == true));
+    assert!([top, bodies.len() - 1, 0].iter().all(|&at| bodies[at]["removal"]["is_safe"] == false));
+    assert!(bodies[top..].iter().all(|body| number(&body["load_in_weights"]) < 0.01), "nothing lies on the top row");
+    assert_eq!(found["order"].as_array().unwrap().len() + found["stuck"].as_array().unwrap().len(), bodies.len());
+    // The share of its weight that a wall can bear sideways is known on both sides.
+    let tilt = &found["whole"]["tilt"];
+    assert!(number(&tilt[0]) <= number(&tilt[1]) && number(&tilt[1]) < 45.0, "{tilt}");
+    assert!(number(&found["programs"]) < 500.0, "{}", found["programs"]);
+}

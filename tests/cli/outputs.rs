@@ -1,6 +1,7 @@
 //! Outputs: checked before any work, written complete or not at all.
 
-use crate::desk::{Desk, Done};
+use crate::desk::{Desk, Done, box_data, box_json, glb};
+use serde_json::{Value, json};
 
 const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
 
@@ -185,4 +186,36 @@ fn results_go_where_a_path_leads() {
     std::fs::set_permissions(desk.path("kept.json"), std::fs::Permissions::from_mode(0o444)).unwrap();
     desk.line(&format!("bake {SCENE} -o kept.json")).fails(65, &["kept.json", "read-only"]);
     assert_eq!(std::fs::read_to_string(desk.path("kept.json")).unwrap(), "kept");
+}
+
+#[test]
+fn a_view_is_written_as_arrays() {
+    let desk = Desk::new();
+    desk.write("box.glb", glb(&box_json(), &box_data([0.2, 0.2, 0.2])));
+    desk.line("render box.glb -o view.npz --size 16x12").ok();
+    let bytes = std::fs::read(desk.path("view.npz")).unwrap();
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(bytes)).unwrap();
+    let names: Vec<String> = archive.file_names().map(String::from).collect();
+    assert_eq!(names, ["bodies.npy", "depth.npy", "camera.npy", "intrinsics.npy"]);
+    let mut bodies = Vec::new();
+    std::io::copy(&mut archive.by_name("bodies.npy").unwrap(), &mut bodies).unwrap();
+    assert!(bodies.starts_with(b"\x93NUMPY\x01\x00"));
+    assert_eq!(bodies.len() % 64, 0);
+    let header = String::from_utf8_lossy(&bodies[10..128]);
+    assert!(header.contains("'descr': '<i4', 'fortran_order': False, 'shape': (12, 16, ), "), "{header}");
+    let numbers: Vec<i32> =
+        bodies[bodies.len() - 4 * 12 * 16..].chunks(4).map(|b| i32::from_le_bytes(b.try_into().unwrap())).collect();
+    assert_eq!((numbers[0], numbers[6 * 16 + 8]), (-1, 0));
+    let removals = |list: Value| {
+        desk.write("report.json", json!({ "removals": list }).to_string());
+        desk.line("render box.glb -o view.npz --removals report.json")
+    };
+    removals(json!([])).fails(65, &["report.json: no body was taken away"]);
+    let pose = json!({ "translation": [0, 0, 0], "rotation": [0, 0, 0, 1] });
+    let removal = |body: usize| {
+        json!([{ "body": body, "frame": 1, "rest_frame": 1, "rest_on_it": [], "touches": [], "moved": [], "came_down": [],
+            "at_rest": true, "speed": 0, "before": [pose], "after": [pose] }])
+    };
+    removals(removal(1)).fails(65, &["not a report: a removal names a body that is not there"]);
+    removals(removal(0)).fails(65, &["states no frame rate"]);
 }

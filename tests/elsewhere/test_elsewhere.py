@@ -105,3 +105,47 @@ def test_a_stage_stands_and_breaks_where_a_ball_hits(pile):
     shot = stage.Shot(0.5 * pile.diameter, mass, place, velocity)
     share, broken = stage.in_bullet(glued, joints, seconds, shot)
     assert share < 0.7 and broken
+
+
+def test_numpy_reads_the_states_of_a_pile_that_is_taken_apart(tmp_path):
+    scene = ROOT / "examples/guide/pull-out.toml"
+    pattern = tmp_path / "{seed}.glb"
+    subprocess.run(
+        [CAIRN, "batch", scene, "--seeds", "1", "--remove-sequences", "3", "--progress", "none", "-o", pattern],
+        check=True,
+        capture_output=True,
+    )
+    pile, report, arrays = (tmp_path / f"1.{ending}" for ending in ("glb", "report.json", "npz"))
+    subprocess.run(
+        [CAIRN, "render", pile, "--removals", report, "--size", "160x120", "--elevation", "70", "-o", arrays], check=True
+    )
+    said = json.loads(report.read_text())["removals"]
+    with np.load(arrays) as data:
+        data = dict(data)
+    states, bodies = len(said) + 1, len(said[0]["before"])
+    assert data["bodies"].shape == data["depth"].shape == (states, 120, 160)
+    assert list(data["removed"]) == [removal["body"] for removal in said]
+    for state, poses in enumerate([*(removal["before"] for removal in said), said[-1]["after"]]):
+        flat = [[*pose["translation"], *pose["rotation"]] for pose in poses]
+        np.testing.assert_array_equal(data["poses"][state], flat)
+        # A book's middle is inside of it, a little behind what is seen of it; some are below others.
+        points = np.c_[data["poses"][state, :, :3], np.ones(bodies)] @ np.linalg.inv(data["camera"]).T
+        depth = -points[:, 2]
+        pixels = (np.c_[points[:, 0], -points[:, 1], depth] / depth[:, None]) @ data["intrinsics"].T
+        gone = set(data["removed"][:state])
+        seen = 0
+        for body, (column, row, _) in enumerate(pixels):
+            shown = data["bodies"][state, int(row), int(column)]
+            if shown == body and body not in gone:
+                seen += 1
+                behind = depth[body] - data["depth"][state, int(row), int(column)]
+                assert 0 < behind < 0.2
+        assert seen >= 4
+        # -1 beside the bodies that are there.
+        assert set(np.unique(data["bodies"][state])) <= {-1, *range(bodies)} - gone
+    touches = [
+        [number, touch["body"], -1 if touch["other"] is None else touch["other"]]
+        for number, removal in enumerate(said)
+        for touch in removal["touches"]
+    ]
+    np.testing.assert_array_equal(data["touches"], touches)

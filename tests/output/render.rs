@@ -4,7 +4,7 @@ use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::glue::dot;
 use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn::model::render::{Moment, RenderError, RenderModel, Settings, render};
+use cairn::model::render::{Moment, RenderError, RenderModel, Settings, render, views};
 use cairn_core::geometry::pose::Pose;
 use cairn_core::report::BakedGlue;
 use glam::{DQuat, DVec3};
@@ -252,5 +252,37 @@ fn a_pile_without_glue_is_refused() {
     }
     for dots in [json!(null), json!({}), json!([1])] {
         assert!(picture(&file(dots), SHOWN).is_err());
+    }
+}
+
+#[test]
+fn a_view_says_which_body_is_where() {
+    let frames = tumbling(3, 5);
+    let file = baked(frames.clone());
+    let model = RenderModel { name: "file.glb", bytes: &file, resolve: &no_files };
+    let moments = [Moment::Frame(4), Moment::Frame(0)];
+    let settings = Settings { fit: Some(Moment::Frame(4)), wide: 2.0, ..SMALL };
+    let seen = views(&model, &moments, &settings).unwrap();
+    let [width, height] = seen.size.map(|side| side as usize);
+    assert_eq!((seen.bodies.len(), seen.depths.len()), (2 * width * height, 2 * width * height));
+    for (state, &frame) in [4, 0].iter().enumerate() {
+        let of = state * width * height;
+        for (body, pose) in frames[frame].iter().enumerate() {
+            // The world's point in the camera's frame: its axes are orthonormal.
+            let column = |k: usize| DVec3::new(seen.camera[k], seen.camera[4 + k], seen.camera[8 + k]);
+            let from = pose.translation - column(3);
+            let (x, y, depth) = (from.dot(column(0)), -from.dot(column(1)), -from.dot(column(2)));
+            let [fx, _, cx, _, fy, cy, ..] = seen.intrinsics;
+            let at = (fy * y / depth + cy) as usize * width + (fx * x / depth + cx) as usize;
+            // Some props have no matter in the middle of their frame, and a body may hide another.
+            if seen.bodies[of + at] == body as i32 {
+                let behind = depth - f64::from(seen.depths[of + at]);
+                assert!((-0.1..2.0).contains(&behind), "body {body} of frame {frame}: {behind}");
+            }
+        }
+        let shown = &seen.bodies[of..of + width * height];
+        assert!((0..3).all(|body| shown.contains(&body)), "frame {frame}");
+        let is_told = |(body, depth): (&i32, &f32)| (*body == -1) == depth.is_infinite();
+        assert!(shown.iter().zip(&seen.depths[of..]).all(is_told), "frame {frame}: depth where a body is");
     }
 }

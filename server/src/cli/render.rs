@@ -3,8 +3,10 @@
 use super::{Failure, interrupt, output, print_warning};
 use crate::files::{self, Disk, FileSource};
 use crate::job::InputFile;
+use crate::job::removals::Removals;
+use crate::model::arrays::Arrays;
 use crate::model::export;
-use crate::model::render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render};
+use crate::model::render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render, views};
 use crate::problem::Problem;
 use image::{ImageFormat, RgbImage};
 use std::borrow::Cow;
@@ -24,6 +26,8 @@ Examples:
   cairn render pile.glb -o glue.png --glue
   cairn render pile.glb -o film-0100.png --frame 100 --fit 240 --wide 2
   cairn render pile.glb -o poster.png --size 3840x2160 --samples 128 --azimuth 60
+  cairn render pile.glb -o view.npz --size 320x240      (which body each pixel shows, and how far it is)
+  cairn render apart.glb -o apart.npz --removals apart.report.json
 
 Needs no graphics card. The picture does not depend on the number of threads.")]
 pub struct Args {
@@ -31,7 +35,7 @@ pub struct Args {
     #[arg(value_name = "PILE")]
     pile: PathBuf,
 
-    /// Picture to write: .png or .jpg
+    /// Picture to write: .png or .jpg; or arrays for NumPy: .npz
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 
@@ -79,12 +83,17 @@ pub struct Args {
     /// ground are blue, bodies without glue pale
     #[arg(long)]
     glue: bool,
+
+    /// Report of a pile that was taken apart: the arrays show it before each removal and after the last, beside what
+    /// the report says of each
+    #[arg(long, value_name = "REPORT", conflicts_with_all = ["frame", "time"])]
+    removals: Option<PathBuf>,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
-    let format = picture_format(&args.output)?;
-    let inputs: Vec<PathBuf> = [&args.pile].into_iter().chain(&args.control).cloned().collect();
+    let format = output_format(args)?;
+    let inputs: Vec<PathBuf> = [&args.pile].into_iter().chain(&args.control).chain(&args.removals).cloned().collect();
     output::check(&args.output, &inputs)?;
 
     let settings = Settings {
@@ -105,6 +114,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let read = |path: &PathBuf| InputFile::read(path, &disk).map_err(Failure::input);
     let read = |path: &PathBuf| read(path).and_then(as_gltf);
     let pile = read(&args.pile)?;
+    let Some(format) = format else { return write_arrays(args, &model(&pile), &settings) };
     let control = args.control.as_ref().map(read).transpose()?;
     let picture = render(&model(&pile), control.as_ref().map(model).as_ref(), &settings)?;
     missing_pictures(&model(&pile)).iter().for_each(|sentence| print_warning(sentence));
@@ -115,8 +125,33 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Failure> {
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, format).map_err(|error| Failure::Internal(error.to_string()))?;
+    write_bytes(path, bytes.get_ref())
+}
+
+fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let _guard = output::begin()?;
-    files::write_atomically(path, bytes.get_ref()).map_err(|error| Failure::write(path, &error))
+    files::write_atomically(path, bytes).map_err(|error| Failure::write(path, &error))
+}
+
+/// Writes what the camera sees as arrays, of one moment or of each state of a pile that is taken apart.
+fn write_arrays(args: &Args, pile: &RenderModel, settings: &Settings) -> Result<(), Failure> {
+    let removals = args.removals.as_ref().map(|path| Removals::read(path).map_err(Failure::input)).transpose()?;
+    let moments = removals.as_ref().map_or(vec![settings.moment], Removals::moments);
+    let seen = views(pile, &moments, settings)?;
+    let mut arrays = Arrays::default();
+    let [width, height] = seen.size.map(|side| side as usize);
+    let shape = [moments.len(), height, width];
+    // One moment has no axis of its own.
+    let shape = if removals.is_some() { &shape[..] } else { &shape[1..] };
+    arrays.add("bodies", shape, &seen.bodies);
+    arrays.add("depth", shape, &seen.depths);
+    arrays.add("camera", &[4, 4], &seen.camera);
+    arrays.add("intrinsics", &[3, 3], &seen.intrinsics);
+    if let Some(removals) = &removals {
+        removals.add_to(&mut arrays);
+    }
+    let bytes = arrays.finish().map_err(|error| Failure::Internal(error.to_string()))?;
+    write_bytes(&args.output, &bytes)
 }
 
 /// The file as the renderer reads it.
@@ -140,11 +175,28 @@ impl From<RenderError> for Failure {
     }
 }
 
-fn picture_format(path: &Path) -> Result<ImageFormat, Failure> {
+/// `None`: arrays.
+fn output_format(args: &Args) -> Result<Option<ImageFormat>, Failure> {
+    let path = &args.output;
+    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("npz")) {
+        return match args.control.is_some() || args.glue {
+            true => Err(Failure::Usage(vec![Problem::at(
+                path,
+                "arrays show bodies alone",
+                "Leave out --control and --glue, or write a picture.",
+            )])),
+            false => Ok(None),
+        };
+    }
+    if args.removals.is_some() {
+        let (what, remedy) = ("a picture shows one state", "Name a file .npz, or leave out --removals.");
+        return Err(Failure::Usage(vec![Problem::at(path, what, remedy)]));
+    }
     let format = ImageFormat::from_path(path).ok();
-    format.filter(|format| [ImageFormat::Png, ImageFormat::Jpeg].contains(format)).ok_or_else(|| {
-        Failure::Usage(vec![Problem::at(path, "not the name of a picture", "Use the extension .png or .jpg.")])
-    })
+    let format = format.filter(|format| [ImageFormat::Png, ImageFormat::Jpeg].contains(format)).ok_or_else(|| {
+        Failure::Usage(vec![Problem::at(path, "not the name of a picture", "Use the extension .png, .jpg or .npz.")])
+    });
+    format.map(Some)
 }
 
 /// `1200x900`.

@@ -8,6 +8,7 @@ mod memory;
 pub mod pace;
 pub mod provenance;
 mod read;
+pub mod removals;
 pub mod report;
 pub mod request;
 pub mod reuse;

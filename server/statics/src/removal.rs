@@ -32,7 +32,7 @@ const NOTHING: f64 = 1e-8;
 pub const LARGEST_REGION: usize = 30;
 /// The most bodies whose forces are corrected, at first and where that does not suffice; and the imbalance, in weights,
 /// beyond which more bodies hardly ever help.
-const CORRECTED: [(usize, f64); 3] = [(40, 3.0), (130, 0.3), (400, 0.0)];
+const CORRECTED: [(usize, f64); 2] = [(40, 3.0), (400, 0.0)];
 /// Programs for all removals from a pile of one body; of more, a share: between these two. What is not settled then
 /// stays open.
 const PROGRAMS: u64 = 200_000;

@@ -80,17 +80,17 @@ pub fn of(pile: &PileContacts, found: &Found, going: &mut Going) -> Result<Apart
     let mut removals = Removals::new(pile.problem(), found.forces.clone(), found.shares.clone());
     // What falls is not there.
     (0..count).filter(|&body| found.falls[body]).for_each(|body| removals.take(body, &[]));
+    // From the top, where most may go; where some are equally high, in their order.
+    let mut left: Vec<usize> = (0..count).filter(|&body| !found.falls[body]).collect();
+    let height = |body: usize| pile.bodies[body].center_of_mass.y;
+    left.sort_by(|&a, &b| height(b).total_cmp(&height(a)).then(a.cmp(&b)));
     let mut answers = vec![None; count];
-    for body in (0..count).filter(|&body| !found.falls[body]) {
-        let fraction = 0.1 + 0.4 * body as f64 / count as f64;
+    for (number, &body) in left.iter().enumerate() {
+        let fraction = 0.1 + 0.4 * number as f64 / count as f64;
         going.on(fraction)?;
         let outcome = removals.without(body, &mut || going.flow(fraction)).map_err(internal)?;
         answers[body] = Some(Removal::of(&outcome));
     }
-    let mut left: Vec<usize> = (0..count).filter(|&body| !found.falls[body]).collect();
-    // From the top; where some are equally high, in their order.
-    let height = |body: usize| pile.bodies[body].center_of_mass.y;
-    left.sort_by(|&a, &b| height(b).total_cmp(&height(a)).then(a.cmp(&b)));
     // Nothing near has gone since it was found that it cannot go.
     let is_safe = |removal: &Option<Removal>| removal.as_ref().is_some_and(|removal| removal.is_safe);
     let mut is_known: Vec<bool> = answers.iter().map(|removal| !is_safe(removal)).collect();

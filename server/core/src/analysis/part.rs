@@ -10,7 +10,7 @@ use glam::DVec3;
 /// With more pairs that touch, the splitting method is much faster than a cone program.
 const LARGE: usize = 400;
 /// The square of the pairs, times cone programs of the whole: a few seconds.
-const WORK: usize = 3_600_000;
+const WORK: usize = 8_000_000;
 
 /// What is left of a pile.
 pub struct Part {
@@ -69,8 +69,15 @@ impl Part {
 
     /// Forces that balance the part under its weight and these loads, and what they leave unbalanced, where such are
     /// found without a cone program. Shape `[body of the part]`.
-    pub fn balance(&self, loads: &[Load], going: &mut Going) -> Result<Option<(Vec<DVec3>, f64)>, Error> {
-        let found = glue::balance_contacts(&self.problem(), loads, &mut || going.flow_on()).map_err(internal)?;
+    /// `is_even`: see [`glue::balance_contacts`].
+    pub fn balance(
+        &self,
+        loads: &[Load],
+        is_even: bool,
+        going: &mut Going,
+    ) -> Result<Option<(Vec<DVec3>, f64)>, Error> {
+        let found = glue::balance_contacts(&self.problem(), loads, is_even, &mut || going.flow_on());
+        let found = found.map_err(internal)?;
         Ok(Some(found).filter(|(_, imbalance)| *imbalance <= BALANCED))
     }
 

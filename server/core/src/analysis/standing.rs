@@ -85,8 +85,11 @@ pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Re
             break;
         }
     }
+    // Forces that load all contacts alike leave room for what comes next.
     let part = Part::new(pile, &found.falls, |at| shares[at]);
-    let (forces, imbalance) = last;
+    found.programs += 1;
+    let even = part.balance(&vec![Load::default(); part.bodies.len()], true, going)?;
+    let (forces, imbalance) = even.unwrap_or(last);
     part.contacts.iter().zip(&forces).for_each(|(&at, &force)| found.forces[at] = force);
     (found.imbalance, found.shares) = (imbalance, shares);
     Ok(found)
@@ -96,7 +99,7 @@ impl Found {
     /// Forces that balance a part, and what they leave; `None` where none were found.
     fn balance(&mut self, part: &Part, going: &mut Going) -> Result<Option<(Vec<DVec3>, f64)>, Error> {
         self.programs += 1;
-        let forces = part.balance(&vec![Load::default(); part.bodies.len()], going)?;
+        let forces = part.balance(&vec![Load::default(); part.bodies.len()], false, going)?;
         if forces.is_some() || part.is_large() {
             return Ok(forces);
         }

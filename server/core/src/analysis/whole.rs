@@ -141,7 +141,7 @@ fn try_all_ways(part: &Part, horizon: &mut Horizon, going: &mut Going) -> Result
         for k in (0..AZIMUTHS).step_by(AZIMUTHS / 4) {
             going.on(0.85)?;
             let loads = limit::shake(&part.part_bodies, 1.0, share * least * own::way(k).0);
-            stands = part.balance(&loads, going)?.is_some();
+            stands = part.balance(&loads, false, going)?.is_some();
             if !stands {
                 break;
             }
@@ -187,7 +187,7 @@ fn friction(
         going.on(0.9 + 0.1 * programs as f64 / most as f64)?;
         programs += 1;
         let part = Part::new(pile, &found.falls, |_| next);
-        let stands = part.balance(&vec![Load::default(); part.bodies.len()], going)?.is_some();
+        let stands = part.balance(&vec![Load::default(); part.bodies.len()], false, going)?.is_some();
         if !stands && affordable == 0 {
             break;
         }

@@ -47,6 +47,13 @@ impl Camera {
         }
     }
 
+    /// From a point of the camera's frame with Y down and Z ahead to column and row, times the depth; row by row.
+    pub fn intrinsics(&self, [width, height]: [u32; 2]) -> [f64; 9] {
+        let [x, y] = self.half.map(f64::from);
+        let (middle_x, middle_y) = (f64::from(width) / 2.0, f64::from(height) / 2.0);
+        [middle_x / x, 0.0, middle_x, 0.0, middle_y / y, middle_y, 0.0, 0.0, 1.0]
+    }
+
     /// The direction through a place in the picture: from -1 to 1, right and up.
     pub fn ray(&self, x: f32, y: f32) -> Vec3 {
         (self.forward + self.right * (x * self.half[0]) + self.up * (y * self.half[1])).normalize()

@@ -9,6 +9,7 @@ mod ray_scene;
 mod shade;
 mod silhouette;
 mod texture;
+mod views;
 
 use cairn_gltf::document::DocumentError;
 use cairn_gltf::picture::uri_of;
@@ -24,6 +25,7 @@ use shade::RenderJob;
 pub use silhouette::{SilhouetteDifference, silhouette_difference};
 use std::collections::BTreeSet;
 use texture::Material;
+pub use views::{Views, views};
 
 /// Content and size of the picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +52,20 @@ impl Default for Settings {
         let (azimuth, elevation) = (30.0, 16.0);
         let (moment, size) = (Moment::End, [1200, 900]);
         Settings { moment, fit: None, wide: 1.0, size, azimuth, elevation, samples: 16, glue: false }
+    }
+}
+
+impl Settings {
+    fn check(&self) -> Result<(), RenderError> {
+        if self.size.iter().any(|side| !(1..=16384).contains(side)) || self.samples == 0 {
+            return Err(RenderError::Settings(
+                "a picture is 1 to 16384 pixels wide and high and has at least 1 sample",
+            ));
+        }
+        if !(self.azimuth.is_finite() && self.elevation.is_finite() && self.wide.is_finite()) {
+            return Err(RenderError::Settings("the camera's angles and what it shows must be numbers"));
+        }
+        Ok(())
     }
 }
 
@@ -110,12 +126,7 @@ pub fn render(
     control: Option<&RenderModel>,
     settings: &Settings,
 ) -> Result<RgbImage, RenderError> {
-    if settings.size.iter().any(|side| !(1..=16384).contains(side)) || settings.samples == 0 {
-        return Err(RenderError::Settings("a picture is 1 to 16384 pixels wide and high and has at least 1 sample"));
-    }
-    if !(settings.azimuth.is_finite() && settings.elevation.is_finite() && settings.wide.is_finite()) {
-        return Err(RenderError::Settings("the camera's angles and what it shows must be numbers"));
-    }
+    settings.check()?;
     let loaded = Loaded::read(model, settings.moment, settings.glue).map_err(|problem| problem.of(model))?;
     let ghost = control.map(|c| Loaded::read(c, Moment::Seconds(0.0), false).map_err(|p| p.of(c))).transpose()?;
 
@@ -128,12 +139,7 @@ pub fn render(
     if let Some(ghost) = &ghost {
         subject.extend(ghost.points(&ghost.placed, false));
     }
-    let (low, high) = bounds(&subject);
-    let size = ((high - low).length() / 2.0).max(f64::MIN_POSITIVE);
-    let middle = (low + high) / 2.0;
-    subject.iter_mut().for_each(|point| *point = middle + settings.wide * (*point - middle));
-    let to_unit = DAffine3::from_scale_rotation_translation(DVec3::splat(1.0 / size), DQuat::IDENTITY, -middle / size);
-    let seen: Vec<DVec3> = subject.iter().map(|p| to_unit.transform_point3(*p)).collect();
+    let Framed { to_unit, middle, size, camera } = Framed::new(subject, settings);
 
     // At rest, the lowest point of the pile and of its scenery, such as a table, is on the ground.
     let at_rest = loaded.points(&loaded.at_end, false);
@@ -149,7 +155,7 @@ pub fn render(
         library: &loaded.library,
         ghost: ghost.as_ref().map(|ghost| RayScene::new(&ghost.library, &ghost.placed, to_unit)),
         ground: ((ground - middle.y) / size) as f32,
-        camera: Camera::fitted(&seen, settings.azimuth, settings.elevation, settings.size),
+        camera,
         size: settings.size,
         samples: settings.samples,
     };
@@ -174,6 +180,32 @@ pub fn missing_pictures(model: &RenderModel) -> Vec<String> {
 impl RenderFault {
     fn of(self, model: &RenderModel) -> RenderError {
         RenderError::File { file: model.name.into(), problem: self }
+    }
+}
+
+/// A camera on its subject, in unit space.
+struct Framed {
+    /// Takes the world to unit space.
+    to_unit: DAffine3,
+    /// Middle and half the diagonal of the subject's box, m.
+    middle: DVec3,
+    size: f64,
+    camera: Camera,
+}
+
+impl Framed {
+    /// `subject`: points that are to be seen.
+    fn new(mut subject: Vec<DVec3>, settings: &Settings) -> Framed {
+        let (low, high) = bounds(&subject);
+        let size = ((high - low).length() / 2.0).max(f64::MIN_POSITIVE);
+        let middle = (low + high) / 2.0;
+        let scale = DVec3::splat(1.0 / size);
+        let to_unit = DAffine3::from_scale_rotation_translation(scale, DQuat::IDENTITY, -middle / size);
+        for point in &mut subject {
+            *point = to_unit.transform_point3(middle + settings.wide * (*point - middle));
+        }
+        let camera = Camera::fitted(&subject, settings.azimuth, settings.elevation, settings.size);
+        Framed { to_unit, middle, size, camera }
     }
 }
 

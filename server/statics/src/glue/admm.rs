@@ -44,6 +44,8 @@ pub struct GlueWeights {
     pub joints: Vec<f64>,
     /// Of each normal force. Shape `[contact]`.
     pub normals: Vec<f64>,
+    /// Of half the square of each contact force.
+    pub squares: f64,
     /// Of the norm of each body's missing support, shape `[body]`; empty: every body must be balanced.
     pub missing: Vec<f64>,
 }
@@ -52,7 +54,7 @@ impl GlueWeights {
     pub fn even(program: &GlueProgram, normal: f64, may_miss: bool) -> GlueWeights {
         let missing = vec![1.0; if may_miss { program.target.len() } else { 0 }];
         let normals = vec![normal; program.contacts.len()];
-        GlueWeights { joints: vec![1.0; program.sites.len()], normals, missing }
+        GlueWeights { joints: vec![1.0; program.sites.len()], normals, squares: 0.0, missing }
     }
 
     /// The problem's own prices, normal forces at a share of theirs.
@@ -229,10 +231,11 @@ impl<'p> Admm<'p> {
         program.imbalance(point, &mut self.left);
         self.factor.solve(&self.left, multipliers, MINOR, INNER, &mut self.work);
         let (mut of_contacts, mut of_joints) = (Residuals::default(), Residuals::default());
+        let less = penalty / (penalty + weights.squares);
         let contact = |at: usize, step: Vector3<f64>| {
             let (x, z, u) = (point.contacts[at] + step, &mut state.contacts[at], &mut dual.contacts[at]);
             let relaxed = x * RELAXATION + *z * (1.0 - RELAXATION) + *u;
-            let next = onto_cone(relaxed, weights.normals[at] / penalty, program.contacts[at].friction);
+            let next = onto_cone(relaxed * less, weights.normals[at] * less / penalty, program.contacts[at].friction);
             of_contacts.add((x - next).norm_squared(), (*z - next).norm_squared());
             (*u, *z) = (relaxed - next, next);
         };
