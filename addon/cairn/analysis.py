@@ -156,13 +156,16 @@ def keep(sources, answers):
 
 
 def dots(sources, answers):
-    """The dots of glue with which all stand, with names in place of numbers, and what no glue holds."""
+    """What would mend a pile that falls, with names in place of numbers: dots of glue with which all stand, and what no
+    glue holds; small moves, and what falls even so."""
     name = [source.name for source in sources].__getitem__
     needed = [
         {**dot, "body": name(dot["body"]), "other": None if dot["other"] is None else name(dot["other"])}
         for dot in answers["glue"]
     ]
-    return {"dots": needed, "beyond": [name(number) for number in answers["beyond_glue"]]}
+    moves = [{"body": name(nudge["body"]), "by": nudge["by"]} for nudge in answers["nudges"]]
+    beyond, still = ([name(number) for number in answers[key]] for key in ("beyond_glue", "beyond_nudges"))
+    return {"dots": needed, "beyond": beyond, "moves": moves, "still": still}
 
 
 def _between(scale, share):
@@ -267,7 +270,7 @@ class CAIRN_PT_analysis(Pile, Panel):
         if not analysed(context.scene):
             return
         row = layout.row(align=True)
-        row.operator("cairn.make_it_stand", icon="LINKED")
+        row.operator_menu_enum("cairn.make_it_stand", "by", icon="LINKED")
         row.operator("cairn.clear_analysis", icon="X")
         draw_shading(layout, context)
         body = figures(context.object) if context.object else None

@@ -1,4 +1,4 @@
-"""Pull Out: an object leaves those around it, and they move if they must. Make It Stand: glue where it is needed."""
+"""Pull Out: an object leaves those around it, and they move if they must. Make It Stand: glue, or small moves."""
 
 import json
 import tempfile
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.props import EnumProperty
 from bpy.types import Operator
 from mathutils import Matrix, Quaternion, Vector
 
@@ -129,11 +130,20 @@ class CAIRN_OT_pull_out(Operator):
 
 
 class CAIRN_OT_make_it_stand(Operator):
-    """Mark where few dots of glue hold what falls: an empty for each, with the force that it has to hold"""
+    """Hold what falls by few dots of glue, or move it a little so that it stands by itself"""
 
     bl_idname = "cairn.make_it_stand"
     bl_label = "Make It Stand"
     bl_options = {"REGISTER", "UNDO"}
+
+    by: EnumProperty(
+        name="By",
+        description="How what falls is made to stand",
+        items=[
+            ("GLUE", "Glue", "Mark each dot of glue by an empty, with the force that it has to hold"),
+            ("MOVES", "Moves", "Bring down what floats, and move back what leans out too far"),
+        ],
+    )
 
     @classmethod
     def poll(cls, context):
@@ -142,6 +152,9 @@ class CAIRN_OT_make_it_stand(Operator):
     def execute(self, context):
         with explaining(self):
             needed = json.loads(context.scene[analysis.GLUE])
+            if self.by == "MOVES":
+                self.report(*move(context, needed))
+                return {"FINISHED"}
             if needed["beyond"]:
                 names = ", ".join(needed["beyond"][:5])
                 self.report({"WARNING"}, f"No glue holds {names}: they touch nothing. Move them to what carries them")
@@ -153,6 +166,29 @@ class CAIRN_OT_make_it_stand(Operator):
             self.report({"INFO"}, f"{len(needed['dots'])} dots of glue in the collection “{DOTS}”")
             return {"FINISHED"}
         return {"CANCELLED"}
+
+
+def move(context, needed):
+    """Moves what was found to fall, once; the report of it."""
+    moves = needed["moves"]
+    if not moves:
+        if needed["still"]:
+            return {"WARNING"}, f"No small move holds {', '.join(needed['still'][:5])}. Use glue"
+        return {"INFO"}, "All stand as they are"
+    metres = export.metres(context.scene)
+    farthest = 0.0
+    for one in moves:
+        body = context.scene.objects.get(one["body"])
+        if body:
+            by = Vector(axes.points_to_blender(np.array(one["by"]), metres))
+            body.matrix_world = Matrix.Translation(by) @ body.matrix_world
+            farthest = max(farthest, float(np.linalg.norm(one["by"])))
+    context.scene[analysis.GLUE] = json.dumps({**needed, "moves": []})
+    count = f"{len(moves)} objects" if len(moves) > 1 else "1 object"
+    text = f"{count} moved, by at most {1000 * farthest:.1f} mm"
+    if needed["still"]:
+        return {"WARNING"}, f"{text}. {', '.join(needed['still'][:5])} still fall: use glue"
+    return {"INFO"}, f"{text}; all stand now"
 
 
 def mark(context, dots):

@@ -103,3 +103,24 @@ def test_what_falls_is_marked(stack, addon):
     assert dot.location.z == pytest.approx(1.0, abs=0.01)
     assert bpy.ops.cairn.make_it_stand() == {"FINISHED"}
     assert len(bpy.data.collections[addon("apart").DOTS].objects) == 1, "not once more"
+
+
+@once
+@pytest.mark.parametrize("scale", [1.0, 0.01])
+def test_what_falls_is_moved(stack, addon, scale):
+    """Without the block that holds it down, the board has to come back over the table; what floats comes down."""
+    bpy.context.scene.unit_settings.scale_length = scale
+    bpy.data.objects.remove(stack["block"])
+    # The ground is where the lowest of all stands.
+    cuboid("stone", (0.2, 0.2, 0.2), location=(3, 0, 0.1)).select_set(True)
+    stack["table"].location.z += 0.1
+    stack["board"].location.z += 0.1
+    bpy.context.view_layer.update()
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert bpy.ops.cairn.make_it_stand(by="MOVES") == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert middle(stack["table"]).z == pytest.approx(0.5, abs=1e-3)
+    assert middle(stack["board"]).z == pytest.approx(1.025, abs=2e-3)
+    assert 0.4 < middle(stack["board"]).x < 0.5
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert all(addon("analysis").figures(stack[name])["standing"] == "stands" for name in ("table", "board"))

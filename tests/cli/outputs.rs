@@ -213,8 +213,9 @@ fn a_view_is_written_as_arrays() {
     removals(json!([])).fails(65, &["report.json: no body was taken away"]);
     let pose = json!({ "translation": [0, 0, 0], "rotation": [0, 0, 0, 1] });
     let removal = |body: usize| {
-        json!([{ "body": body, "frame": 1, "rest_frame": 1, "rest_on_it": [], "touches": [], "moved": [], "came_down": [],
-            "at_rest": true, "speed": 0, "before": [pose], "after": [pose] }])
+        let nothing = json!([]);
+        json!([{ "body": body, "frame": 1, "rest_frame": 1, "rest_on_it": nothing, "touches": nothing,
+            "moved": nothing, "came_down": nothing, "at_rest": true, "speed": 0, "before": [pose], "after": [pose] }])
     };
     removals(removal(1)).fails(65, &["not a report: a removal names a body that is not there"]);
     removals(removal(0)).fails(65, &["states no frame rate"]);

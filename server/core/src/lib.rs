@@ -141,8 +141,8 @@ pub fn analyse(
     observer: &mut dyn Observer,
 ) -> Result<PileAnalysis, Error> {
     let full = fill_container(scene, params, &mut NoCache, observer)?;
-    let sim = full.turn_over(scene, params)?;
-    analysis::run(&sim.pile.world, options, observer)
+    let mut sim = full.turn_over(scene, params)?;
+    analysis::run(&mut sim.pile.world, options, observer)
 }
 
 /// A full container, ready to be turned over; any number of releases may start from it.

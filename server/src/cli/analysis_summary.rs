@@ -2,7 +2,7 @@
 
 use super::table;
 use crate::model::analysis::FoundPile;
-use cairn_core::analysis::{AnalysedBody, NeededDot, PileAnalysis, Standing};
+use cairn_core::analysis::{AnalysedBody, NeededDot, Nudge, PileAnalysis, Standing};
 
 /// The answers as text: the whole, then the bodies that carry most.
 pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {
@@ -73,6 +73,22 @@ pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {
     }
     if !found.beyond_glue.is_empty() {
         lines.push(format!("touch nothing that is held: {}", names(&found.beyond_glue)));
+    }
+    if !found.nudges.is_empty() {
+        let move_of = |nudge: &Nudge| {
+            let [x, y, z] = nudge.by.map(|along| format!("{:.1}", 1000.0 * along));
+            format!("{} by ({x}, {y}, {z}) mm", name(&nudge.body))
+        };
+        let moves: Vec<String> = found.nudges.iter().take(LISTED).map(move_of).collect();
+        let more = found.nudges.len() - moves.len();
+        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+        lines.push(match found.beyond_nudges.is_empty() {
+            true => format!("or stands without glue once moved: {}{more}", moves.join(", ")),
+            false => {
+                let fall = names(&found.beyond_nudges);
+                format!("fewer fall once moved: {}{more}; still fall: {fall}", moves.join(", "))
+            }
+        });
     }
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|&a, &b| found.bodies[b].load.total_cmp(&found.bodies[a].load).then(a.cmp(&b)));

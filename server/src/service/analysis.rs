@@ -28,7 +28,7 @@ impl Observer for Reporting {
         if self.0.elapsed() >= PAUSE {
             self.0 = Instant::now();
             let fraction = progress.fraction;
-            send(WorkerMessage::Analysed(proto::AnalysePileResponse { fraction, ..Default::default() }));
+            send(WorkerMessage::Analysed(Box::new(proto::AnalysePileResponse { fraction, ..Default::default() })));
         }
         ControlFlow::Continue(())
     }
@@ -63,7 +63,7 @@ pub fn analyse(folder: &Path) -> Result<(), WorkerError> {
         let found = cairn_core::analyse(&pile.scene, &pile.params, &options, &mut Reporting(Instant::now()));
         match found {
             Ok(found) => {
-                messages(pile, &found).into_iter().for_each(|part| send(WorkerMessage::Analysed(part)));
+                messages(pile, &found).into_iter().for_each(|part| send(WorkerMessage::Analysed(Box::new(part))));
                 Ok(())
             }
             Err(cairn_core::Error::Invalid(problems)) => {

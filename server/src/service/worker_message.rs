@@ -34,8 +34,8 @@ pub enum WorkerMessage {
     #[prost(message, tag = "8")]
     Exported(ResultHead),
     /// Progress or answers of an analysis.
-    #[prost(message, tag = "9")]
-    Analysed(proto::AnalysePileResponse),
+    #[prost(message, boxed, tag = "9")]
+    Analysed(Box<proto::AnalysePileResponse>),
 }
 
 /// The first messages of the downloads of a result and of its report, without their first bytes.

@@ -3,7 +3,7 @@
 use super::proto;
 use super::to_proto::signed;
 use cairn_core::analysis::{
-    AnalysedBody, KnockOver, NeededDot, PileAnalysis, Removal, Standing, TiltLimit, Touch, WholePile,
+    AnalysedBody, KnockOver, NeededDot, Nudge, PileAnalysis, Removal, Standing, TiltLimit, Touch, WholePile,
 };
 
 /// What the answers of an analysis are about: a node of a file.
@@ -126,6 +126,7 @@ pub fn to_messages<'a>(
         point: dot.point.to_vec(),
         force: dot.force,
     };
+    let nudge = |nudge: &Nudge| proto::Nudge { body: signed(nudge.body), by: nudge.by.to_vec() };
     let pile = proto::PileAnalysis {
         stands: analysis.stands,
         imbalance: analysis.imbalance,
@@ -134,6 +135,8 @@ pub fn to_messages<'a>(
         margins: analysis.whole.as_ref().map(margins),
         glue: analysis.glue.iter().map(dot).collect(),
         beyond_glue: ids(&analysis.beyond_glue),
+        nudges: analysis.nudges.iter().map(nudge).collect(),
+        beyond_nudges: ids(&analysis.beyond_nudges),
         programs: signed(analysis.programs),
         ..about
     };
@@ -222,6 +225,7 @@ pub fn from_messages(parts: &[proto::AnalysePileResponse], count: usize) -> Opti
     let dot = |dot: &proto::NeededDot| {
         Some(NeededDot { body: id(dot.body)?, other: maybe(dot.other)?, point: three(&dot.point)?, force: dot.force })
     };
+    let nudge = |nudge: &proto::Nudge| Some(Nudge { body: id(nudge.body)?, by: three(&nudge.by)? });
     let bodies: Vec<AnalysedBody> = parts.iter().flat_map(|part| &part.bodies).map(body).collect::<Option<_>>()?;
     (bodies.len() == count).then_some(())?;
     Some(PileAnalysis {
@@ -237,6 +241,8 @@ pub fn from_messages(parts: &[proto::AnalysePileResponse], count: usize) -> Opti
         },
         glue: pile.glue.iter().map(dot).collect::<Option<_>>()?,
         beyond_glue: ids(&pile.beyond_glue)?,
+        nudges: pile.nudges.iter().map(nudge).collect::<Option<_>>()?,
+        beyond_nudges: ids(&pile.beyond_nudges)?,
         programs: number(pile.programs)?,
     })
 }

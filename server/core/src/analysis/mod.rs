@@ -9,7 +9,8 @@
 //! - Which body may be removed, what would move otherwise, and in which order do all come apart? ([`mod@apart`])
 //! - At which tilt, shake and friction does the whole go, and where? ([`mod@whole`])
 //! - Which push at one body brings it down? ([`mod@knock`])
-//! - Where is glue needed, if it does not stand? ([`mod@gluing`])
+//! - Where is glue needed, if it does not stand? ([`mod@gluing`]) Or which bodies have to move a little?
+//!   ([`mod@nudging`])
 //!
 //! No verdict rests on a solver's word: see [`cairn_statics::limit`] and [`cairn_statics::removal`]. What is not proven
 //! either way is said to be open.
@@ -20,6 +21,7 @@ mod gluing;
 mod horizon;
 mod knock;
 mod loads;
+mod nudging;
 mod own;
 mod part;
 mod problem;
@@ -30,6 +32,7 @@ pub use apart::Removal;
 pub use forecast::{PileForecast, forecast};
 pub use gluing::NeededDot;
 pub use knock::KnockOver;
+pub use nudging::Nudge;
 pub use problem::PileContacts;
 pub use whole::{TiltLimit, WholePile};
 
@@ -37,6 +40,7 @@ use crate::error::Error;
 use crate::geometry::contact::REAL_CONTACT;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::world::World;
+use nudging::Nudged;
 use std::ops::ControlFlow;
 
 /// Directions of tilts and pushes around the vertical.
@@ -145,6 +149,10 @@ pub struct PileAnalysis {
     pub glue: Vec<NeededDot>,
     /// Bodies that no glue at their contacts holds.
     pub beyond_glue: Vec<usize>,
+    /// Small moves with which fewer bodies fall, without glue; ascending by body.
+    pub nudges: Vec<Nudge>,
+    /// Bodies that fall even so; empty if all stand then, or as they are.
+    pub beyond_nudges: Vec<usize>,
     /// Cone programs solved.
     pub programs: u64,
 }
@@ -176,8 +184,9 @@ impl Going<'_> {
     }
 }
 
-/// Analyses a pile as it stands in a world.
-pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer) -> Result<PileAnalysis, Error> {
+/// Analyses a pile as it stands in a world. Afterwards, bodies that fall are where they would stand, if such places
+/// were found.
+pub fn run(world: &mut World, options: &AnalysisOptions, observer: &mut dyn Observer) -> Result<PileAnalysis, Error> {
     let pile = PileContacts::new(world, options.gap);
     let mut going = Going { observer, bodies: pile.bodies.len(), last: 0.0 };
     going.on(0.0)?;
@@ -240,6 +249,10 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
         false => gluing::of(&pile, &mut going)?,
     };
     let touches = pile.touches(&found.forces);
+    let nudged = match stands {
+        true => Nudged::default(),
+        false => nudging::of(world, options, &mut going)?,
+    };
     Ok(PileAnalysis {
         bodies,
         touches,
@@ -250,6 +263,8 @@ pub fn run(world: &World, options: &AnalysisOptions, observer: &mut dyn Observer
         whole,
         glue,
         beyond_glue,
+        nudges: nudged.nudges,
+        beyond_nudges: nudged.falls,
         programs,
     })
 }

@@ -63,7 +63,7 @@ impl Bakes {
                     match worker.next().await? {
                         Some(WorkerMessage::Analysed(part)) => {
                             is_whole |= part.pile.is_some();
-                            if caller.send(Ok(part)).await.is_err() {
+                            if caller.send(Ok(*part)).await.is_err() {
                                 worker.kill().await;
                                 return Ok(());
                             }
