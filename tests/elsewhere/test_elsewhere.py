@@ -116,9 +116,8 @@ def test_numpy_reads_the_states_of_a_pile_that_is_taken_apart(tmp_path):
         capture_output=True,
     )
     pile, report, arrays = (tmp_path / f"1.{ending}" for ending in ("glb", "report.json", "npz"))
-    subprocess.run(
-        [CAIRN, "render", pile, "--removals", report, "--size", "160x120", "--elevation", "70", "-o", arrays], check=True
-    )
+    view = ["--size", "160x120", "--elevation", "70"]
+    subprocess.run([CAIRN, "render", pile, "--removals", report, *view, "-o", arrays], check=True)
     said = json.loads(report.read_text())["removals"]
     with np.load(arrays) as data:
         data = dict(data)
@@ -134,9 +133,10 @@ def test_numpy_reads_the_states_of_a_pile_that_is_taken_apart(tmp_path):
         pixels = (np.c_[points[:, 0], -points[:, 1], depth] / depth[:, None]) @ data["intrinsics"].T
         gone = set(data["removed"][:state])
         seen = 0
-        for body, (column, row, _) in enumerate(pixels):
+        for body in set(range(bodies)) - gone:
+            column, row, _ = pixels[body]
             shown = data["bodies"][state, int(row), int(column)]
-            if shown == body and body not in gone:
+            if shown == body:
                 seen += 1
                 behind = depth[body] - data["depth"][state, int(row), int(column)]
                 assert 0 < behind < 0.2

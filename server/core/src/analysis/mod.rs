@@ -251,7 +251,10 @@ pub fn run(world: &mut World, options: &AnalysisOptions, observer: &mut dyn Obse
     let touches = pile.touches(&found.forces);
     let nudged = match stands {
         true => Nudged::default(),
-        false => nudging::of(world, options, &mut going)?,
+        false => {
+            let falls = (0..pile.ids.len()).filter(|&k| found.falls[k]).map(|k| pile.ids[k]).collect();
+            nudging::of(world, falls, options, &mut going)?
+        }
     };
     Ok(PileAnalysis {
         bodies,

@@ -4,7 +4,7 @@
 //! A move is by the geometry of the support, and proven by the statics of the pile that it makes: the moves that are
 //! reported are those with which the fewest bodies fall.
 
-use super::{AnalysisOptions, Going, PileContacts, own, standing};
+use super::{AnalysisOptions, Going, PileContacts, own, part, standing};
 use crate::error::Error;
 use crate::geometry::pose::Pose;
 use crate::geometry::rectangle::convex_hull;
@@ -14,6 +14,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Rounds of moves: what is carried moves after what carries it.
 const ROUNDS: usize = 8;
+/// They end after so many in a row that help nobody.
+const STALE: usize = 2;
 /// A body moves by at most this, in its radius: more is no nudge.
 const FARTHEST: f64 = 1.0;
 /// A contact carries from below if its normal rises at least so.
@@ -38,31 +40,58 @@ pub struct Nudged {
     pub falls: Vec<usize>,
 }
 
-/// Moves bodies of a world until they stand, as far as such moves are found.
-pub(super) fn of(world: &mut World, options: &AnalysisOptions, going: &mut Going) -> Result<Nudged, Error> {
+/// Moves bodies of a world until they stand, as far as such moves are found. `falls`: those that fall as they are.
+pub(super) fn of(
+    world: &mut World,
+    falls: Vec<BodyId>,
+    options: &AnalysisOptions,
+    going: &mut Going,
+) -> Result<Nudged, Error> {
     let begin: BTreeMap<BodyId, Pose> = world.present().map(|id| (id, world.pose(id))).collect();
-    let mut best: Option<Nudged> = None;
-    for round in 0..=ROUNDS {
+    let mut best = Nudged { nudges: Vec::new(), falls: falls.clone() };
+    let (mut now, mut stale, mut is_proven) = (falls, 0, true);
+    let mut pile = PileContacts::new(world, options.gap);
+    for round in 0..ROUNDS {
         going.on(0.9 + 0.1 * round as f64 / ROUNDS as f64)?;
-        let pile = PileContacts::new(world, options.gap);
-        let own = own::of(&pile, going)?;
-        let found = standing::of(&pile, &own, options.friction_share, going)?;
-        let falls: Vec<BodyId> = (0..pile.ids.len()).filter(|&k| found.falls[k]).map(|k| pile.ids[k]).collect();
-        let is_better = best.as_ref().is_none_or(|best| falls.len() < best.falls.len());
-        let stands = falls.is_empty();
-        if is_better {
-            let moved = |(&id, from): (&BodyId, &Pose)| {
-                let by = world.pose(id).translation - from.translation;
-                let by = (by * world.units.length).to_array();
-                (by != [0.0; 3]).then_some(Nudge { body: id, by })
-            };
-            best = Some(Nudged { nudges: begin.iter().filter_map(moved).collect(), falls: falls.clone() });
+        if !shift(world, &pile, &now, &begin, options.gap) {
+            break;
         }
-        if stands || round == ROUNDS || !shift(world, &pile, &falls, &begin, options.gap) {
+        pile = PileContacts::new(world, options.gap);
+        let before = now.len();
+        // A large pile is looked at as a whole once, in the end.
+        is_proven = pile.pairs.len() <= part::LARGE;
+        now = if is_proven { falling(&pile, options, going)? } else { standing::falling_alone(&pile) };
+        if is_proven && now.len() < best.falls.len() {
+            best = Nudged { nudges: moved(world, &begin), falls: now.clone() };
+        }
+        stale = if now.len() < before { 0 } else { stale + 1 };
+        if now.is_empty() || stale == STALE {
             break;
         }
     }
-    Ok(best.unwrap_or_default())
+    if !is_proven {
+        now = falling(&pile, options, going)?;
+        if now.len() < best.falls.len() {
+            best = Nudged { nudges: moved(world, &begin), falls: now };
+        }
+    }
+    Ok(best)
+}
+
+/// The bodies that fall, by the statics of the whole.
+fn falling(pile: &PileContacts, options: &AnalysisOptions, going: &mut Going) -> Result<Vec<BodyId>, Error> {
+    let own = own::of(pile, going)?;
+    let found = standing::of(pile, &own, options.friction_share, going)?;
+    Ok((0..pile.ids.len()).filter(|&k| found.falls[k]).map(|k| pile.ids[k]).collect())
+}
+
+fn moved(world: &World, begin: &BTreeMap<BodyId, Pose>) -> Vec<Nudge> {
+    let moved = |(&id, from): (&BodyId, &Pose)| {
+        let by = world.pose(id).translation - from.translation;
+        let by = (by * world.units.length).to_array();
+        (by != [0.0; 3]).then_some(Nudge { body: id, by })
+    };
+    begin.iter().filter_map(moved).collect()
 }
 
 /// Moves those of these bodies for which a move is found; false: none.

@@ -8,7 +8,7 @@ use cairn_statics::limit::{self, Accuracy, Limit, LimitProblem, Load};
 use glam::DVec3;
 
 /// With more pairs that touch, the splitting method is much faster than a cone program.
-const LARGE: usize = 400;
+pub const LARGE: usize = 400;
 /// The square of the pairs, times cone programs of the whole: a few seconds.
 const WORK: usize = 8_000_000;
 

@@ -4,6 +4,7 @@ use super::own::Own;
 use super::part::Part;
 use super::{Going, PileContacts};
 use crate::error::Error;
+use crate::world::BodyId;
 use cairn_statics::global::{GlobalBody, GlobalContact};
 use cairn_statics::limit::Load;
 use cairn_statics::local::{Analyser, LocalContact, LocalProblem, Verdict};
@@ -109,33 +110,8 @@ impl Found {
 
     /// Bodies that fall even while those that are left are held, and then those that rested on them.
     fn leave_out_alone(&mut self, pile: &PileContacts) {
-        let mut analyser = Analyser::new();
-        let mut is_new = true;
-        while std::mem::take(&mut is_new) {
-            let mut touching: Vec<Vec<LocalContact>> = vec![Vec::new(); pile.bodies.len()];
-            for c in &pile.contacts {
-                let contact = LocalContact { point: c.point, normal: c.normal, friction: c.friction };
-                if self.falls[c.body] || c.other.is_some_and(|other| self.falls[other]) {
-                    continue;
-                }
-                touching[c.body].push(contact);
-                if let Some(other) = c.other {
-                    touching[other].push(LocalContact { normal: -c.normal, ..contact });
-                }
-            }
-            for (body, contacts) in touching.iter().enumerate() {
-                if self.falls[body] {
-                    continue;
-                }
-                let GlobalBody { mass, center_of_mass, radius } = pile.bodies[body];
-                let problem = LocalProblem { contacts, mass, center_of_mass, radius, gravity: DVec3::NEG_Y };
-                match analyser.analyse(&problem, &Default::default()) {
-                    Ok(Verdict::Unstable { residual, .. }) if residual >= SOMETHING => {
-                        (self.falls[body], self.missing[body], is_new) = (true, residual, true);
-                    }
-                    _ => (),
-                }
-            }
+        for (body, residual) in fall_alone(pile, &mut self.falls) {
+            self.missing[body] = residual;
         }
     }
 
@@ -165,3 +141,47 @@ impl Found {
 
 /// Neighbours of neighbours, so many times, are around a body.
 const RINGS: usize = 3;
+
+/// Bodies that fall even while those that are left are held, and those that rested on such; by their names.
+pub fn falling_alone(pile: &PileContacts) -> Vec<BodyId> {
+    let mut falls = vec![false; pile.bodies.len()];
+    fall_alone(pile, &mut falls);
+    (0..falls.len()).filter(|&body| falls[body]).map(|body| pile.ids[body]).collect()
+}
+
+/// Adds these to the bodies that fall, shape `[body]`; what each misses, in its weight.
+fn fall_alone(pile: &PileContacts, falls: &mut [bool]) -> Vec<(usize, f64)> {
+    let mut analyser = Analyser::new();
+    let mut found = Vec::new();
+    loop {
+        let before = found.len();
+        let mut touching: Vec<Vec<LocalContact>> = vec![Vec::new(); pile.bodies.len()];
+        for c in &pile.contacts {
+            let contact = LocalContact { point: c.point, normal: c.normal, friction: c.friction };
+            if falls[c.body] || c.other.is_some_and(|other| falls[other]) {
+                continue;
+            }
+            touching[c.body].push(contact);
+            if let Some(other) = c.other {
+                touching[other].push(LocalContact { normal: -c.normal, ..contact });
+            }
+        }
+        for (body, contacts) in touching.iter().enumerate() {
+            if falls[body] {
+                continue;
+            }
+            let GlobalBody { mass, center_of_mass, radius } = pile.bodies[body];
+            let problem = LocalProblem { contacts, mass, center_of_mass, radius, gravity: DVec3::NEG_Y };
+            match analyser.analyse(&problem, &Default::default()) {
+                Ok(Verdict::Unstable { residual, .. }) if residual >= SOMETHING => {
+                    falls[body] = true;
+                    found.push((body, residual));
+                }
+                _ => (),
+            }
+        }
+        if found.len() == before {
+            return found;
+        }
+    }
+}
