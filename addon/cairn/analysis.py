@@ -156,7 +156,7 @@ def keep(sources, answers):
 
 
 def dots(sources, answers):
-    """What would mend a pile that falls, with names in place of numbers: dots of glue with which all stand, and what no
+    """What would fix a pile that falls, with names in place of numbers: dots of glue with which all stand, and what no
     glue holds; small moves, and what falls even so."""
     name = [source.name for source in sources].__getitem__
     needed = [
