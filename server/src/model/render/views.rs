@@ -20,9 +20,16 @@ pub struct Views {
     pub intrinsics: [f64; 9],
 }
 
+/// Elements in all views: a gigabyte.
+const MOST: u64 = 1 << 27;
+
 /// The views of a file at these moments from one camera, which is fitted to `settings.fit`, or to the first of them.
 pub fn views(model: &RenderModel, moments: &[Moment], settings: &Settings) -> Result<Views, RenderError> {
     settings.check()?;
+    let elements = settings.size.iter().map(|&side| u64::from(side)).product::<u64>() * moments.len() as u64;
+    if elements > MOST {
+        return Err(RenderError::Settings("the arrays would have more than 134 million pixels; choose a smaller size"));
+    }
     let load = |moment: Moment| Loaded::read(model, moment, false).map_err(|problem| problem.of(model));
     let first = settings.fit.or(moments.first().copied()).unwrap_or(settings.moment);
     let Framed { to_unit, middle, size, camera } = {
