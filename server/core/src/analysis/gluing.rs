@@ -4,7 +4,6 @@ use super::{Going, PileContacts};
 use crate::error::Error;
 use cairn_statics::glue::{self, GlueError, GlueOptions, GlueProblem, GlueSite, MOST_ROUNDS};
 use glam::DVec3;
-use std::ops::Range;
 
 /// A moment counts as the force that causes it at this share of the smaller radius, as for the glue of a bake.
 const ARM: f64 = 0.25;
@@ -45,25 +44,17 @@ pub fn of(pile: &PileContacts, going: &mut Going) -> Result<(Vec<NeededDot>, Vec
     if part.bodies.is_empty() {
         return Ok((Vec::new(), beyond));
     }
-    let mut sites = Vec::new();
-    let mut from = 0;
-    while let Some(first) = part.part_contacts.get(from) {
-        let same = part.part_contacts[from..].iter().take_while(|c| (c.body, c.other) == (first.body, first.other));
-        let contacts: Range<usize> = from..from + same.count();
-        from = contacts.end;
-        let radius = |body: usize| part.part_bodies[body].radius;
-        let middle =
-            part.part_contacts[contacts.clone()].iter().map(|c| c.point).sum::<DVec3>() / contacts.len() as f64;
-        sites.push(GlueSite {
-            body: first.body,
-            other: first.other,
-            center: middle,
-            arm: ARM * first.other.map_or(f64::INFINITY, radius).min(radius(first.body)),
-            contacts,
+    let radius = |body: usize| part.part_bodies[body].radius;
+    let glued = |site: &GlueSite| {
+        let points = &part.part_contacts[site.contacts.clone()];
+        GlueSite {
+            center: points.iter().map(|c| c.point).sum::<DVec3>() / points.len() as f64,
+            arm: ARM * site.other.map_or(f64::INFINITY, radius).min(radius(site.body)),
             may_glue: true,
-            normal_price: 0.0,
-        });
-    }
+            ..site.clone()
+        }
+    };
+    let sites: Vec<GlueSite> = part.sites.iter().map(glued).collect();
     let problem =
         GlueProblem { bodies: &part.part_bodies, contacts: &part.part_contacts, sites: &sites, gravity: DVec3::NEG_Y };
     let options = GlueOptions { friction_factor: FRICTION, normal_price: 0.02, strength: None, rounds: MOST_ROUNDS };

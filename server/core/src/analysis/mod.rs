@@ -252,8 +252,8 @@ pub fn run(world: &mut World, options: &AnalysisOptions, observer: &mut dyn Obse
     let nudged = match stands {
         true => Nudged::default(),
         false => {
-            let falls = (0..pile.ids.len()).filter(|&k| found.falls[k]).map(|k| pile.ids[k]).collect();
-            nudging::of(world, falls, options, &mut going)?
+            let falls = pile.named(&found.falls);
+            nudging::of(world, pile, falls, options, &mut going)?
         }
     };
     Ok(PileAnalysis {

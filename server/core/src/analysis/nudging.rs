@@ -40,9 +40,11 @@ pub struct Nudged {
     pub falls: Vec<usize>,
 }
 
-/// Moves bodies of a world until they stand, as far as such moves are found. `falls`: those that fall as they are.
+/// Moves bodies of a world until they stand, as far as such moves are found. `pile`: as it is, with those that
+/// fall.
 pub(super) fn of(
     world: &mut World,
+    mut pile: PileContacts,
     falls: Vec<BodyId>,
     options: &AnalysisOptions,
     going: &mut Going,
@@ -50,7 +52,6 @@ pub(super) fn of(
     let begin: BTreeMap<BodyId, Pose> = world.present().map(|id| (id, world.pose(id))).collect();
     let mut best = Nudged { nudges: Vec::new(), falls: falls.clone() };
     let (mut now, mut stale, mut is_proven) = (falls, 0, true);
-    let mut pile = PileContacts::new(world, options.gap);
     for round in 0..ROUNDS {
         going.on(0.9 + 0.1 * round as f64 / ROUNDS as f64)?;
         if !shift(world, &pile, &now, &begin, options.gap) {
@@ -82,7 +83,7 @@ pub(super) fn of(
 fn falling(pile: &PileContacts, options: &AnalysisOptions, going: &mut Going) -> Result<Vec<BodyId>, Error> {
     let own = own::of(pile, going)?;
     let found = standing::of(pile, &own, options.friction_share, going)?;
-    Ok((0..pile.ids.len()).filter(|&k| found.falls[k]).map(|k| pile.ids[k]).collect())
+    Ok(pile.named(&found.falls))
 }
 
 fn moved(world: &World, begin: &BTreeMap<BodyId, Pose>) -> Vec<Nudge> {

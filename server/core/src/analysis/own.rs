@@ -33,14 +33,7 @@ pub fn way(k: usize) -> (DVec3, f64) {
 
 /// Shape `[body]`.
 pub fn of(pile: &PileContacts, going: &mut Going) -> Result<Vec<Own>, Error> {
-    let mut touching: Vec<Vec<LocalContact>> = vec![Vec::new(); pile.bodies.len()];
-    for c in &pile.contacts {
-        let contact = LocalContact { point: c.point, normal: c.normal, friction: c.friction };
-        touching[c.body].push(contact);
-        if let Some(other) = c.other {
-            touching[other].push(LocalContact { normal: -c.normal, ..contact });
-        }
-    }
+    let touching = pile.touching(&vec![false; pile.bodies.len()]);
     going.on(0.1)?;
     let ways: Vec<(DVec3, f64)> = (0..AZIMUTHS).map(way).collect();
     let directions: Vec<DVec3> = ways.iter().map(|(way, _)| *way).collect();

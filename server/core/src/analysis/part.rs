@@ -50,9 +50,14 @@ impl Part {
         }
     }
 
+    /// Besides its weight. Shape `[body of the part]`.
+    pub fn no_load(&self) -> Vec<Load> {
+        vec![Load::default(); self.part_bodies.len()]
+    }
+
     /// The share of gravity that the contacts can bear: 1 if the part stands.
     pub fn bears(&self) -> Result<Limit, Error> {
-        let dead = vec![Load::default(); self.part_bodies.len()];
+        let dead = self.no_load();
         let live = limit::weights(&self.part_bodies, DVec3::NEG_Y);
         self.limit(&dead, &live, 1.0)
     }

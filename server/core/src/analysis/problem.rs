@@ -4,6 +4,7 @@ use super::Touch;
 use crate::sim::pile_equilibrium::contacts;
 use crate::world::{BodyId, Units, World};
 use cairn_statics::global::{GlobalBody, GlobalContact, GlobalProblem};
+use cairn_statics::local::LocalContact;
 use glam::DVec3;
 use std::ops::Range;
 
@@ -53,6 +54,27 @@ impl PileContacts {
             pairs.push((from..all.len(), points.len()));
         }
         PileContacts { bodies: ids.iter().map(body).collect(), ids, contacts: all, pairs, units: world.units }
+    }
+
+    /// The contacts of each body, normals into it, without those of bodies that are `gone`. Shape `[body]`.
+    pub fn touching(&self, gone: &[bool]) -> Vec<Vec<LocalContact>> {
+        let mut touching: Vec<Vec<LocalContact>> = vec![Vec::new(); self.bodies.len()];
+        for c in &self.contacts {
+            if gone[c.body] || c.other.is_some_and(|other| gone[other]) {
+                continue;
+            }
+            let contact = LocalContact { point: c.point, normal: c.normal, friction: c.friction };
+            touching[c.body].push(contact);
+            if let Some(other) = c.other {
+                touching[other].push(LocalContact { normal: -c.normal, ..contact });
+            }
+        }
+        touching
+    }
+
+    /// The names of the bodies that are marked, shape `[body]`.
+    pub fn named(&self, marked: &[bool]) -> Vec<BodyId> {
+        self.ids.iter().zip(marked).filter(|(_, marked)| **marked).map(|(&id, _)| id).collect()
     }
 
     pub fn problem(&self) -> GlobalProblem<'_> {

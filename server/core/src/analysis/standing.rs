@@ -6,8 +6,7 @@ use super::{Going, PileContacts};
 use crate::error::Error;
 use crate::world::BodyId;
 use cairn_statics::global::{GlobalBody, GlobalContact};
-use cairn_statics::limit::Load;
-use cairn_statics::local::{Analyser, LocalContact, LocalProblem, Verdict};
+use cairn_statics::local::{Analyser, LocalProblem, Verdict};
 use glam::DVec3;
 
 /// A body falls that misses at least this share of what the one that misses most does, of all or, in a large pile, of
@@ -89,7 +88,7 @@ pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Re
     // Forces that load all contacts alike leave room for what comes next.
     let part = Part::new(pile, &found.falls, |at| shares[at]);
     found.programs += 1;
-    let even = part.balance(&vec![Load::default(); part.bodies.len()], true, going)?;
+    let even = part.balance(&part.no_load(), true, going)?;
     let (forces, imbalance) = even.unwrap_or(last);
     part.contacts.iter().zip(&forces).for_each(|(&at, &force)| found.forces[at] = force);
     (found.imbalance, found.shares) = (imbalance, shares);
@@ -100,7 +99,7 @@ impl Found {
     /// Forces that balance a part, and what they leave; `None` where none were found.
     fn balance(&mut self, part: &Part, going: &mut Going) -> Result<Option<(Vec<DVec3>, f64)>, Error> {
         self.programs += 1;
-        let forces = part.balance(&vec![Load::default(); part.bodies.len()], false, going)?;
+        let forces = part.balance(&part.no_load(), false, going)?;
         if forces.is_some() || part.is_large() {
             return Ok(forces);
         }
@@ -146,7 +145,7 @@ const RINGS: usize = 3;
 pub fn falling_alone(pile: &PileContacts) -> Vec<BodyId> {
     let mut falls = vec![false; pile.bodies.len()];
     fall_alone(pile, &mut falls);
-    (0..falls.len()).filter(|&body| falls[body]).map(|body| pile.ids[body]).collect()
+    pile.named(&falls)
 }
 
 /// Adds these to the bodies that fall, shape `[body]`; what each misses, in its weight.
@@ -155,17 +154,7 @@ fn fall_alone(pile: &PileContacts, falls: &mut [bool]) -> Vec<(usize, f64)> {
     let mut found = Vec::new();
     loop {
         let before = found.len();
-        let mut touching: Vec<Vec<LocalContact>> = vec![Vec::new(); pile.bodies.len()];
-        for c in &pile.contacts {
-            let contact = LocalContact { point: c.point, normal: c.normal, friction: c.friction };
-            if falls[c.body] || c.other.is_some_and(|other| falls[other]) {
-                continue;
-            }
-            touching[c.body].push(contact);
-            if let Some(other) = c.other {
-                touching[other].push(LocalContact { normal: -c.normal, ..contact });
-            }
-        }
+        let touching = pile.touching(falls);
         for (body, contacts) in touching.iter().enumerate() {
             if falls[body] {
                 continue;

@@ -8,7 +8,7 @@ use super::part::Part;
 use super::standing::Found;
 use super::{AZIMUTHS, AnalysedBody, Going, PileContacts};
 use crate::error::Error;
-use cairn_statics::limit::{self, Load};
+use cairn_statics::limit;
 use cairn_statics::local::margin::SLACK;
 use glam::DVec3;
 
@@ -187,20 +187,19 @@ fn friction(
         going.on(0.9 + 0.1 * programs as f64 / most as f64)?;
         programs += 1;
         let part = Part::new(pile, &found.falls, |_| next);
-        let stands = part.balance(&vec![Load::default(); part.bodies.len()], false, going)?.is_some();
-        if !stands && affordable == 0 {
-            break;
-        }
-        let limit = if stands { None } else { Some(part.bears()?) };
-        let Some(limit) = limit.filter(|limit| !limit.reaches(1.0)) else {
+        if part.balance(&part.no_load(), false, going)?.is_some() {
             high = next;
-            next = (low + high) / 2.0;
-            continue;
-        };
-        if limit.falls_from < 1.0 {
-            low = next;
-        } else {
+        } else if affordable == 0 {
             break;
+        } else {
+            let limit = part.bears()?;
+            if limit.reaches(1.0) {
+                high = next;
+            } else if limit.falls_from < 1.0 {
+                low = next;
+            } else {
+                break;
+            }
         }
         next = (low + high) / 2.0;
     }

@@ -54,6 +54,12 @@ impl Camera {
         [middle_x / x, 0.0, middle_x, 0.0, middle_y / y, middle_y, 0.0, 0.0, 1.0]
     }
 
+    /// The direction through the middle of a picture element; rows from the top.
+    pub fn element(&self, [column, row]: [u32; 2], [width, height]: [u32; 2]) -> Vec3 {
+        let across = |at: u32, count: u32| (2.0 * at as f32 + 1.0) / count as f32 - 1.0;
+        self.ray(across(column, width), -across(row, height))
+    }
+
     /// The direction through a place in the picture: from -1 to 1, right and up.
     pub fn ray(&self, x: f32, y: f32) -> Vec3 {
         (self.forward + self.right * (x * self.half[0]) + self.up * (y * self.half[1])).normalize()

@@ -61,13 +61,8 @@ struct Mask {
 
 impl Mask {
     fn of(scene: &RayScene, camera: &Camera, [width, height]: [u32; 2]) -> Mask {
-        let row = |y: u32| {
-            let y = 1.0 - (2.0 * y as f32 + 1.0) / height as f32;
-            (0..width).map(move |x| {
-                let x = (2.0 * x as f32 + 1.0) / width as f32 - 1.0;
-                !scene.is_clear(camera.eye, camera.ray(x, y))
-            })
-        };
+        let ray = |column: u32, row: u32| camera.element([column, row], [width, height]);
+        let row = |y: u32| (0..width).map(move |x| !scene.is_clear(camera.eye, ray(x, y)));
         let covered = (0..height).into_par_iter().flat_map_iter(row).collect();
         Mask { width: width as usize, covered }
     }

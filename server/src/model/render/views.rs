@@ -56,8 +56,7 @@ pub fn views(model: &RenderModel, moments: &[Moment], settings: &Settings) -> Re
             false => at as i32,
         };
         let element = |at: u32| {
-            let (x, y) = (at % width, at / width);
-            let ray = camera.ray(across(x, width), -across(y, height));
+            let ray = camera.element([at % width, at / width], settings.size);
             match rays.first(camera.eye, ray, f32::INFINITY) {
                 Some(hit) => (number(hit.number), hit.distance * ray.dot(camera.forward) * size as f32),
                 None => (-1, f32::INFINITY),
@@ -68,11 +67,6 @@ pub fn views(model: &RenderModel, moments: &[Moment], settings: &Settings) -> Re
         found.depths.extend(depths);
     }
     Ok(found)
-}
-
-/// The middle of an element, from -1 to 1.
-fn across(at: u32, count: u32) -> f32 {
-    (2.0 * at as f32 + 1.0) / count as f32 - 1.0
 }
 
 fn matrix(camera: &Camera, middle: [f64; 3], size: f64) -> [f64; 16] {

@@ -1,4 +1,4 @@
-//! Contact forces that balance a pile which has changed a little, from those before.
+//! Contact forces that balance a pile without glue: one that has changed a little, from those before, or a new one.
 
 use super::admm::{Admm, GlueWeights, IterationLimits, onto_cone};
 use super::program::GlueProgram;
