@@ -9,6 +9,10 @@ use tonic::Code;
 
 /// A server whose workers plan normally but run this shell command for bakes, except for seed 2.
 fn server_with(folder: &std::path::Path, bake: &str, args: &[&str]) -> Server {
+    server_of(1, folder, bake, args)
+}
+
+fn server_of(workers: usize, folder: &std::path::Path, bake: &str, args: &[&str]) -> Server {
     let script = format!(
         "#!/bin/sh\nif [ $2 = bake ] && ! grep -q spared $3/spec.binpb; then {bake}; fi\nexec {PROGRAM} \"$@\"\n"
     );
@@ -16,7 +20,26 @@ fn server_with(folder: &std::path::Path, bake: &str, args: &[&str]) -> Server {
     std::fs::write(&program, script).unwrap();
     std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).unwrap();
     let program = program.to_str().unwrap();
-    Server::start_in(folder, &[&["--workers", "1", "--worker-program", program], args].concat())
+    Server::start_in(folder, &[&["--workers", &workers.to_string(), "--worker-program", program], args].concat())
+}
+
+/// A bake alone gets all cores; one that starts beside it gets its share.
+#[tokio::test]
+async fn bakes_share_the_cores() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("threads");
+    let server =
+        server_of(2, folder.path(), &format!("echo $RAYON_NUM_THREADS >> {0}; exec sleep 1000", log.display()), &[]);
+    let mut connection = server.ready().await;
+    let cores = std::thread::available_parallelism().unwrap().get();
+    for (seed, threads) in [(1, vec![cores]), (2, vec![cores, (cores / 2).max(1)])] {
+        begin(&mut connection, short(seed)).await;
+        let wanted = threads.iter().map(|threads| format!("{threads}\n")).collect::<String>();
+        while std::fs::read_to_string(&log).unwrap_or_default().len() < wanted.len() {
+            tokio::time::sleep(std::time::Duration::from_millis(20)).await;
+        }
+        assert_eq!(std::fs::read_to_string(&log).unwrap(), wanted);
+    }
 }
 
 #[tokio::test]

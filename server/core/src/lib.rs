@@ -296,13 +296,12 @@ pub fn release_pile<'a>(
         true => {
             // The fill is inside the container: only a region of its own matters.
             let region = full.region.as_ref().filter(|_| resolved.is_on(EffectName::Region));
-            let restart = || full.turn_over_as(scene, params, &resolved);
             let mut own = params.clone();
             if full.checked.rides {
                 // What is glued to scenery that moves would stay behind.
                 own.glue.anchor = Switch::Off;
             }
-            Some(glue::run(&mut sim, &restart, region, &own, &resolved, observer)?)
+            Some(glue::run(&mut sim, region, &own, &resolved, observer)?)
         }
         false => None,
     };

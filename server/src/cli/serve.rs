@@ -70,7 +70,7 @@ pub struct Args {
     #[arg(long, env = "CAIRN_QUEUE")]
     queue: Option<usize>,
 
-    /// Threads of one bake; 0: the cores divided by the workers [default: 0]
+    /// Threads of one bake; 0: the cores divided by the bakes that run or wait when it starts [default: 0]
     #[arg(long, env = "CAIRN_THREADS")]
     threads: Option<usize>,
 

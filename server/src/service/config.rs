@@ -28,7 +28,8 @@ pub struct Config {
     pub workers: usize,
     /// Bakes that may wait. Default: 32.
     pub queue: usize,
-    /// Threads of one bake. Default: 0, the cores divided by `workers`.
+    /// Threads of one bake. Default: 0, the cores divided by the bakes that run or wait when it starts, at most
+    /// `workers` of them: a single bake gets all cores.
     pub threads: usize,
     /// Memory of one bake, MiB; 0: not limited. Default: 8192.
     pub bake_memory_mib: u64,
@@ -129,10 +130,10 @@ fn cores() -> usize {
 }
 
 impl Config {
-    /// Threads of each bake.
-    pub fn threads(&self) -> usize {
+    /// Threads of a bake that starts as one of so many that run or wait.
+    pub fn threads_among(&self, bakes: usize) -> usize {
         match self.threads {
-            0 => (cores() / self.workers()).max(1),
+            0 => (cores() / bakes.clamp(1, self.workers())).max(1),
             threads => threads,
         }
     }

@@ -45,14 +45,19 @@ pub struct Worker {
 }
 
 impl Worker {
-    pub fn start(config: &Config, task: WorkerTask, folder: &Path) -> std::result::Result<Worker, Fault> {
-        Worker::spawn(config, &task, folder).map_err(|error| {
+    pub fn start(
+        config: &Config,
+        task: WorkerTask,
+        folder: &Path,
+        threads: usize,
+    ) -> std::result::Result<Worker, Fault> {
+        Worker::spawn(config, &task, folder, threads).map_err(|error| {
             tracing::error!(%error, "a worker process could not be started");
             Fault::BakeNotStarted(plain_reason(&error))
         })
     }
 
-    fn spawn(config: &Config, task: &WorkerTask, folder: &Path) -> Result<Worker> {
+    fn spawn(config: &Config, task: &WorkerTask, folder: &Path, threads: usize) -> Result<Worker> {
         let program = match &config.worker_program {
             Some(program) => program.clone(),
             // Stays this version even if another one is installed in its place.
@@ -78,7 +83,7 @@ impl Worker {
         if config.reuse {
             command.arg("--cache").arg(config.data.join(CACHE));
         }
-        command.env("RAYON_NUM_THREADS", config.threads().to_string());
+        command.env("RAYON_NUM_THREADS", threads.to_string());
         // The server handles Ctrl-C at the terminal.
         #[cfg(unix)]
         command.process_group(0);

@@ -7,6 +7,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 pub struct Quota {
     all: Arc<Semaphore>,
+    most: usize,
     /// Limit of each caller.
     each: usize,
     callers: Mutex<BTreeMap<Arc<str>, Weak<Semaphore>>>,
@@ -20,8 +21,14 @@ pub struct Permit {
 
 impl Quota {
     pub fn new(all: usize, each: usize) -> Quota {
-        let all = Arc::new(Semaphore::new(all.min(Semaphore::MAX_PERMITS)));
-        Quota { all, each: each.clamp(1, Semaphore::MAX_PERMITS), callers: Mutex::default() }
+        let most = all.min(Semaphore::MAX_PERMITS);
+        let all = Arc::new(Semaphore::new(most));
+        Quota { all, most, each: each.clamp(1, Semaphore::MAX_PERMITS), callers: Mutex::default() }
+    }
+
+    /// The number of permits that are held.
+    pub fn held(&self) -> usize {
+        self.most - self.all.available_permits()
     }
 
     /// A permit, if one is free for this caller.
@@ -59,7 +66,7 @@ mod tests {
         let quota = Quota::new(4, 3);
         let (greedy, other) = (Caller::named("greedy"), Caller::named("other"));
         let mut held: Vec<Permit> = std::iter::from_fn(|| quota.try_acquire(&greedy)).collect();
-        assert_eq!(held.len(), 3);
+        assert_eq!((held.len(), quota.held()), (3, 3));
         let last = quota.try_acquire(&other).unwrap();
         assert!(quota.try_acquire(&other).is_none(), "all are held");
         held.pop();

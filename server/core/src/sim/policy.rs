@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 ///
 /// Roles and friction take effect at once, since other decisions of the same step rest on them; resistance takes effect
 /// in [`Policy::apply`], once a step.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Policy {
     /// `release.resistance`: of every released body.
     base: f64,

@@ -95,6 +95,22 @@ pub struct World {
     pub counters: WorldCounters,
 }
 
+/// A copy goes on as the world itself would.
+impl Clone for World {
+    fn clone(&self) -> World {
+        World {
+            engine: settings::copy(&self.engine),
+            bodies: self.bodies.clone(),
+            nails: self.nails.clone(),
+            moving: self.moving.clone(),
+            rolling: self.rolling.clone(),
+            creep: self.creep.clone(),
+            bobbing: self.bobbing.clone(),
+            ..*self
+        }
+    }
+}
+
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {

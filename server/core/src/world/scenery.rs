@@ -15,6 +15,7 @@ use rapier3d::prelude::*;
 pub struct WallId(ColliderHandle);
 
 /// A piece of scenery with a pose of its own.
+#[derive(Clone)]
 pub(super) struct MovingPiece {
     handle: RigidBodyHandle,
     pub collider: ColliderHandle,

@@ -61,6 +61,26 @@ pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) 
     engine
 }
 
+/// The same engine again, but for its scratch memory.
+pub fn copy(engine: &PhysicsWorld) -> PhysicsWorld {
+    let mut copy = PhysicsWorld {
+        gravity: engine.gravity,
+        integration_parameters: engine.integration_parameters,
+        islands: engine.islands.clone(),
+        broad_phase: engine.broad_phase.clone(),
+        narrow_phase: engine.narrow_phase.clone(),
+        bodies: engine.bodies.clone(),
+        colliders: engine.colliders.clone(),
+        impulse_joints: engine.impulse_joints.clone(),
+        multibody_joints: engine.multibody_joints.clone(),
+        soft_bodies: engine.soft_bodies.clone(),
+        ccd_solver: engine.ccd_solver.clone(),
+        ..PhysicsWorld::new()
+    };
+    copy.set_thread_pool(threads());
+    copy
+}
+
 /// Distance up to which contacts are predicted. `thickness`: the smallest of any body; engine units.
 fn prediction(thickness: f64) -> f64 {
     PREDICTION * (USUAL_THICKNESS / thickness).clamp(1.0, FARTHER)

@@ -4,7 +4,7 @@ use super::{Bakes, Entry};
 use crate::model::export::Format;
 use crate::service::access::Caller;
 use crate::service::folder::ResultKind;
-use crate::service::process::{Worker, WorkerTask};
+use crate::service::process::WorkerTask;
 use crate::service::quotas::Permit;
 use crate::service::status::Fault;
 use crate::service::worker_message::WorkerMessage;
@@ -57,7 +57,7 @@ impl Bakes {
         let run = async {
             let _slot = self.scheduler.take(&new.caller, 0).await;
             let work = async {
-                let mut worker = Worker::start(&self.config, WorkerTask::Analyse, new.folder.path())?;
+                let mut worker = self.start_worker(WorkerTask::Analyse, new.folder.path())?;
                 let mut is_whole = false;
                 loop {
                     match worker.next().await? {

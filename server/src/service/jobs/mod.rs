@@ -341,7 +341,7 @@ impl Bakes {
         }
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let mut worker = Worker::start(&self.config, WorkerTask::Export(kind.clone()), &folder)?;
+        let mut worker = self.start_worker(WorkerTask::Export(kind.clone()), &folder)?;
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         self.request_trim();
         let stored_bytes = self.store.bake_bytes(&id);
@@ -354,6 +354,14 @@ impl Bakes {
         }
     }
 
+    /// Starts a worker with its share of the cores.
+    fn start_worker(&self, task: WorkerTask, folder: &std::path::Path) -> Result<Worker, Fault> {
+        // All others hold a permit of their own.
+        let is_beside = matches!(task, WorkerTask::Plan | WorkerTask::Export(_));
+        let bakes = self.bake_quota.held() + usize::from(is_beside);
+        Worker::start(&self.config, task, folder, self.config.threads_among(bakes))
+    }
+
     /// Lets a worker plan. `slot` receives the process, so that the caller can wait for its end.
     async fn run_plan(
         &self,
@@ -363,7 +371,7 @@ impl Bakes {
     ) -> Result<proto::Accepted, Fault> {
         /// A plan reads files and measures meshes; only hostile input takes longer.
         const LONGEST: Duration = Duration::from_secs(120);
-        let worker = slot.insert(Worker::start(&self.config, task, folder)?);
+        let worker = slot.insert(self.start_worker(task, folder)?);
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
             Some(WorkerMessage::Planned(accepted)) => Ok(*accepted),

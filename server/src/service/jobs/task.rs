@@ -185,7 +185,7 @@ impl Bakes {
         folder: &Path,
         slot: &mut Option<Worker>,
     ) -> Result<Summary, EndReason> {
-        let worker = slot.insert(Worker::start(&self.config, WorkerTask::Bake, folder)?);
+        let worker = slot.insert(self.start_worker(WorkerTask::Bake, folder)?);
         loop {
             match worker.next().await? {
                 Some(WorkerMessage::Progress(progress)) => {

@@ -93,11 +93,9 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
     moved.is_none_or(|moved| moved <= MOST_MOVED && displacement <= SAGS)
 }
 
-/// Places the joints of a pile that has been turned over, and glues it. `turn_over`: the same pile again, for the
-/// trials. `region`: where glue may be, engine units.
-pub fn run<'a>(
-    sim: &mut Simulation<'a>,
-    turn_over: &dyn Fn() -> Result<Simulation<'a>, Error>,
+/// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
+pub fn run(
+    sim: &mut Simulation,
     region: Option<&DistanceGrid>,
     params: &Params,
     resolved: &Resolved,
@@ -106,7 +104,7 @@ pub fn run<'a>(
     let anchors = params.glue.anchor != Switch::Off;
     let proves = resolved.is_on(EffectName::GlueProof);
     let world = &sim.pile.world;
-    let mut trials = Trials::new(turn_over, world.present().count(), params.glue.proof_engine);
+    let mut trials = Trials::new(&sim.pile, params.glue.proof_engine);
     let all = proves && params.glue.proof == Switch::On;
     let natural = match proves && params.glue.anchor != Switch::On {
         true => Some(Natural::run(world, &mut trials, all, observer)?),

@@ -8,7 +8,7 @@ use super::trial::{Ends, Poses, TrialResult, Trials};
 use crate::error::Error;
 use crate::geometry::topology::DisjointSets;
 use crate::input::observer::{Observer, observe};
-use crate::input::params::{Params, Switch};
+use crate::input::params::{Params, ProofEngine, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::Joint;
 use crate::world::{BodyId, PairSide};
@@ -60,7 +60,8 @@ impl<'p, 'a> Search<'p, 'a> {
             is_last |= number + 1 == ATTEMPTS;
             let joints = self.joints(&attempt);
             let ends = if is_last { Ends::Late } else { Ends::Soon };
-            let trial = self.trials.run(&joints, &attempt.absent, DVec3::NEG_Y, ends, observer)?;
+            let engine = self.trials.engine;
+            let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, ends, observer)?;
             let next = self.next(number, &mut attempt, trial, observer)?;
             if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
                 best = Some(attempt);
@@ -77,6 +78,11 @@ impl<'p, 'a> Search<'p, 'a> {
         self.trials.end = 1.0;
         if self.bound.is_none() && !best.is_welded {
             self.weld(&mut best, observer)?;
+        }
+        if best.stands()
+            && let Some(failed) = self.confirm(&mut best, observer)?
+        {
+            best.stood(failed);
         }
         self.certified(best, observer)
     }
@@ -113,6 +119,7 @@ impl<'p, 'a> Search<'p, 'a> {
             anchors_all: self.anchors_all,
             moving: BTreeSet::new(),
             is_welded: false,
+            is_confirmed: false,
             displacement: 0.0,
             moved: None,
             poses: None,
@@ -181,8 +188,46 @@ impl<'p, 'a> Search<'p, 'a> {
         Ok(Glued { joints: self.joints(&attempt), ..glued })
     }
 
-    /// Applies the policy to a trial. Changes sites and prices for the next attempt, and may weld this one.
+    /// The next step after a trial. What stands as in other engines must stand in its own, too.
     fn next(
+        &mut self,
+        number: usize,
+        attempt: &mut Attempt,
+        trial: TrialResult,
+        observer: &mut dyn Observer,
+    ) -> Result<Next, Error> {
+        let next = self.apply_policy(number, attempt, trial, observer)?;
+        match next {
+            Next::None => match self.confirm(attempt, observer)? {
+                Some(failed) => match self.apply_policy(number, attempt, failed, observer)? {
+                    // Its welds have no trial in its own engine yet.
+                    Next::None => Ok(Next::Other),
+                    other => Ok(other),
+                },
+                None => Ok(next),
+            },
+            _ => Ok(next),
+        }
+    }
+
+    /// A trial in the pile's own engine, unless there was one with these joints. Returns it if the pile fails.
+    fn confirm(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<Option<TrialResult>, Error> {
+        if attempt.is_confirmed || self.trials.engine == ProofEngine::Own {
+            return Ok(None);
+        }
+        let joints = self.joints(attempt);
+        let own = self.trials.run_in(ProofEngine::Own, &joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
+        if !own.stands() {
+            return Ok(Some(own));
+        }
+        attempt.displacement = attempt.displacement.max(own.displacement);
+        attempt.moved = attempt.moved.map(|moved| moved.max(own.moved));
+        (attempt.poses, attempt.is_confirmed) = (own.poses, true);
+        Ok(None)
+    }
+
+    /// Applies the policy to a trial. Changes sites and prices for the next attempt, and may weld this one.
+    fn apply_policy(
         &mut self,
         number: usize,
         attempt: &mut Attempt,
@@ -233,7 +278,8 @@ impl<'p, 'a> Search<'p, 'a> {
             }
             attempt.more.extend(more);
             let joints = self.joints(attempt);
-            let trial = self.trials.run(&joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
+            let engine = self.trials.engine;
+            let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
             moving.extend(&trial.moved_bodies);
             if trial.displacement < attempt.displacement {
                 kept.clone_from(&attempt.more);
@@ -297,6 +343,8 @@ struct Attempt {
     /// Bodies that have moved, with these joints or fewer.
     moving: BTreeSet<BodyId>,
     is_welded: bool,
+    /// It stands in its own engine, too.
+    is_confirmed: bool,
     /// Mean displacement in the trial, d.
     displacement: f64,
     moved: Option<f64>,
@@ -316,6 +364,7 @@ impl Attempt {
         // A trial that ended early is worse than every other.
         self.displacement = if trial.poses.is_some() { trial.displacement } else { f64::INFINITY };
         self.moving.extend(trial.moved_bodies);
+        self.is_confirmed = false;
         (self.moved, self.poses) = (Some(trial.moved), trial.poses);
     }
 

@@ -7,7 +7,8 @@ use crate::geometry::pose::Pose;
 use crate::input::observer::{Observer, Progress, Stage, observe};
 use crate::input::params::ProofEngine;
 use crate::sim::glue::{Joint, PileGlue};
-use crate::sim::step::Simulation;
+use crate::sim::pile::Pile;
+use crate::sim::policy::Policy;
 use crate::world::{BodyId, World};
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -32,7 +33,7 @@ pub struct TrialResult {
 }
 
 impl TrialResult {
-    fn stands(&self) -> bool {
+    pub fn stands(&self) -> bool {
         self.poses.is_some() && super::stands(Some(self.moved), self.displacement)
     }
 
@@ -64,9 +65,12 @@ pub enum Ends {
 
 /// Runs trials, and counts their cost.
 pub struct Trials<'p, 'a> {
-    turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
+    /// The pile as it is turned over: each trial begins with a copy.
+    pile: &'p Pile<'a>,
+    /// The same world as other engines have it, once a trial has asked for it.
+    any_engine: Option<World>,
     bodies: usize,
-    engine: ProofEngine,
+    pub engine: ProofEngine,
     /// Progress when a trial begins, and at the end of the attempt: each trial takes half of the rest.
     pub begin: f64,
     pub end: f64,
@@ -76,12 +80,9 @@ pub struct Trials<'p, 'a> {
 }
 
 impl<'p, 'a> Trials<'p, 'a> {
-    pub fn new(
-        turn_over: &'p dyn Fn() -> Result<Simulation<'a>, Error>,
-        bodies: usize,
-        engine: ProofEngine,
-    ) -> Trials<'p, 'a> {
-        Trials { turn_over, bodies, engine, begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 }
+    pub fn new(pile: &'p Pile<'a>, engine: ProofEngine) -> Trials<'p, 'a> {
+        let bodies = pile.world.present().count();
+        Trials { pile, any_engine: None, bodies, engine, begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 }
     }
 
     pub fn progress(&self, part: f64) -> Progress {
@@ -89,7 +90,7 @@ impl<'p, 'a> Trials<'p, 'a> {
         Progress { stage: Stage::Glue, fraction, bodies: self.bodies, released: 0, at_rest: 0, nails: 0, frames: 0 }
     }
 
-    /// A trial of a pile that is turned over again. Where other engines count, the pile first stands as in them, and
+    /// A trial of the pile. Where other engines count, the pile first stands as in them, and
     /// then in its own: the bodies are a little smaller there.
     pub fn run(
         &mut self,
@@ -99,16 +100,24 @@ impl<'p, 'a> Trials<'p, 'a> {
         ends: Ends,
         observer: &mut dyn Observer,
     ) -> Result<TrialResult, Error> {
-        let engine = self.engine;
-        let trial = self.run_in(engine, joints, absent, down, ends, observer)?;
-        if engine == ProofEngine::Own || !trial.stands() {
+        let trial = self.run_in(self.engine, joints, absent, down, ends, observer)?;
+        if self.engine == ProofEngine::Own || !trial.stands() {
             return Ok(trial);
         }
         let own = self.run_in(ProofEngine::Own, joints, absent, down, ends, observer)?;
         Ok(own.and(&trial))
     }
 
-    fn run_in(
+    fn as_any_engine(&mut self) -> &World {
+        self.any_engine.get_or_insert_with(|| {
+            let mut world = self.pile.world.clone();
+            world.act_as_any_engine(self.pile.shapes);
+            world
+        })
+    }
+
+    /// A trial of the pile in one engine.
+    pub fn run_in(
         &mut self,
         engine: ProofEngine,
         joints: &[Joint],
@@ -118,13 +127,12 @@ impl<'p, 'a> Trials<'p, 'a> {
         observer: &mut dyn Observer,
     ) -> Result<TrialResult, Error> {
         let clock = observer.cpu_seconds();
+        let world = match engine {
+            ProofEngine::Own => self.pile.world.clone(),
+            ProofEngine::Any => self.as_any_engine().clone(),
+        };
         let mut report = |part: f64| observe(observer, &self.progress(part));
-        let mut sim = (self.turn_over)()?;
-        if engine == ProofEngine::Any {
-            let pile = &mut sim.pile;
-            pile.world.act_as_any_engine(pile.shapes);
-        }
-        let trial = release_trial(sim, joints, absent, down, ends, &mut report)?;
+        let trial = release_trial(world, self.pile.policy.clone(), joints, absent, down, ends, &mut report)?;
         self.begin = self.progress(1.0).fraction;
         self.steps += trial.steps;
         self.seconds += observer.cpu_seconds() - clock;
@@ -135,27 +143,26 @@ impl<'p, 'a> Trials<'p, 'a> {
 /// Releases a pile with these joints for [`TRIAL_TIME`] at most, awake, without control and without the `absent`
 /// bodies.
 pub fn release_trial(
-    mut sim: Simulation,
+    mut world: World,
+    mut policy: Policy,
     joints: &[Joint],
     absent: &[BodyId],
     down: DVec3,
     ends: Ends,
     report: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<TrialResult, Error> {
-    let pile = &mut sim.pile;
-    let _glue = PileGlue::new(joints.to_vec(), false, &mut pile.world, &mut pile.policy);
-    absent.iter().for_each(|&id| pile.world.remove(id));
-    pile.policy.leave_to_physics(&mut pile.world);
-    let world = &mut pile.world;
+    let _glue = PileGlue::new(joints.to_vec(), false, &mut world, &mut policy);
+    absent.iter().for_each(|&id| world.remove(id));
+    policy.leave_to_physics(&mut world);
     world.set_gravity(down);
-    let before = poses(world);
+    let before = poses(&world);
     let steps = (TRIAL_TIME / world.step_length()).ceil() as u64;
     let (mut failing, mut standing, mut latest) = (0, 0, before.clone());
     for step in 1..=steps {
         world.step();
         if step % LOOK == 0 || step == steps {
             report(step as f64 / steps as f64)?;
-            let now = poses(world);
+            let now = poses(&world);
             let mut trial = look(&before, &now, step);
             if step == steps {
                 trial.poses = Some(now);

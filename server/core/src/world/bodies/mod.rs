@@ -96,6 +96,7 @@ pub struct WorldBody {
 }
 
 /// Bodies glued to each other: one rigid body of the engine.
+#[derive(Clone)]
 pub(super) struct GlueCluster {
     pub carrier: RigidBodyHandle,
     /// Ascending; at least two.
@@ -114,7 +115,7 @@ pub struct BodySize {
 }
 
 /// All bodies and all clusters, each by its index.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub(super) struct Bodies {
     list: Vec<WorldBody>,
     pub clusters: Vec<Option<GlueCluster>>,

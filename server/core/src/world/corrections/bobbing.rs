@@ -9,7 +9,7 @@ use crate::world::bodies::Bodies;
 use rapier3d::prelude::PhysicsWorld;
 
 /// Up-and-down motion of the pile.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Bobbing {
     /// Bobbing is looked for at all.
     pub is_watched: bool,
@@ -21,7 +21,7 @@ pub struct Bobbing {
 }
 
 /// From one change of direction to the next.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Swing {
     rises: bool,
     /// Engine time so far.

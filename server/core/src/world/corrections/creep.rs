@@ -7,7 +7,7 @@ use crate::world::bodies::{Bodies, Role, WorldBody};
 use rapier3d::prelude::*;
 
 /// Poses of the bodies at earlier looks. Shapes `[body]`.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Creep {
     /// Engine time since the last look.
     time: f64,

@@ -11,7 +11,7 @@ use crate::world::{BodyId, bodies::Bodies};
 use rapier3d::prelude::*;
 
 /// The bodies that resist rolling.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Rolling {
     /// Share of the radius; 0: nothing is resisted.
     coefficient: f64,

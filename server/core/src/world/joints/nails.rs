@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 pub type NailId = u64;
 
 /// All nails, in order.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct NailJoints {
     next: NailId,
     pub driven: BTreeMap<NailId, NailJoint>,
@@ -17,6 +17,7 @@ pub struct NailJoints {
     anchor: Option<RigidBodyHandle>,
 }
 
+#[derive(Clone)]
 pub struct NailJoint {
     pub handle: ImpulseJointHandle,
     pub a: BodyId,

@@ -33,6 +33,9 @@ pub const SOLVED: usize = 4;
 /// Points of one manifold that a contact pair reports: more add next to nothing to the polygon that they span.
 pub const REPORTED: usize = 8;
 
+/// Candidates for these points that are not on the heap.
+const CANDIDATES: usize = 64;
+
 /// As many as a manifold has points; not on the heap.
 type Few<T> = SmallVec<[T; REPORTED]>;
 
@@ -168,16 +171,22 @@ const NEAR: f32 = 1e-3;
 /// At most `most` of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
 /// through the two, each weighed against its gap; then those farthest from all of these.
 fn widest<C>(all: &[ContactCandidate], most: usize, before: &[TrackedContact<C>]) -> Few<ContactCandidate> {
-    let is_kept =
-        |m: &ContactCandidate| before.iter().any(|c| m.features == [c.fid1, c.fid2] || m.features == [c.fid2, c.fid1]);
-    let bonus = |m: &ContactCandidate| if is_kept(m) { NEAR } else { 0.0 };
-    let nearness = |m: &ContactCandidate| bonus(m) - m.gap();
-    let Some(first) = all.iter().copied().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Few::new() };
+    // With its bonus.
+    let rated = |m: &ContactCandidate| {
+        let [one, other] = m.features;
+        let is_kept = |c: &TrackedContact<C>| {
+            (one.0 == c.fid1.0 && other.0 == c.fid2.0) || (one.0 == c.fid2.0 && other.0 == c.fid1.0)
+        };
+        (*m, if before.iter().any(is_kept) { NEAR } else { 0.0 })
+    };
+    let all: SmallVec<[(ContactCandidate, f32); CANDIDATES]> = all.iter().map(rated).collect();
+    let nearness = |(m, bonus): &(ContactCandidate, f32)| bonus - m.gap();
+    let Some(&(first, _)) = all.iter().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Few::new() };
     let (origin, least) = (first.across(), first.gap().max(0.0));
     let farthest = |offset: &dyn Fn(Vec2) -> f32| {
-        let rate = |m: &ContactCandidate| {
+        let rate = |(m, bonus): &(ContactCandidate, f32)| {
             let reach = offset(m.across() - origin);
-            (reach > APART).then(|| (reach + (bonus(m) - (m.gap() - least).max(0.0)) / SLOPE, *m))
+            (reach > APART).then(|| (reach + (bonus - (m.gap() - least).max(0.0)) / SLOPE, *m))
         };
         all.iter().filter_map(rate).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, m)| m)
     };
@@ -185,13 +194,17 @@ fn widest<C>(all: &[ContactCandidate], most: usize, before: &[TrackedContact<C>]
     let along = second.map_or(Vec2::ZERO, |m| (m.across() - origin).normalize_or_zero());
     let sides = [farthest(&|offset| along.perp_dot(offset)), farthest(&|offset| offset.perp_dot(along))];
     let mut chosen: Few<ContactCandidate> = [Some(first), second].into_iter().chain(sides).flatten().collect();
+    // Squares of the distances to the nearest chosen one.
+    let mut apart: SmallVec<[f32; CANDIDATES]> = SmallVec::from_elem(f32::INFINITY, all.len());
+    let mut looked = 0;
     while chosen.len() < most {
-        let apart = |m: &ContactCandidate| {
-            let distances = chosen.iter().map(|c| c.across().distance_squared(m.across()));
-            distances.fold(f32::INFINITY, f32::min)
-        };
-        match all.iter().map(|m| (apart(m), m)).max_by(|a, b| a.0.total_cmp(&b.0)) {
-            Some((distance, &m)) if distance > APART * APART => chosen.push(m),
+        for c in &chosen[looked..] {
+            let distances = all.iter().map(|(m, _)| c.across().distance_squared(m.across()));
+            apart.iter_mut().zip(distances).for_each(|(least, distance)| *least = least.min(distance));
+        }
+        looked = chosen.len();
+        match apart.iter().zip(&all).max_by(|a, b| a.0.total_cmp(b.0)) {
+            Some((&distance, &(m, _))) if distance > APART * APART => chosen.push(m),
             _ => break,
         }
     }
