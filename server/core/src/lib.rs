@@ -79,7 +79,7 @@ use stages::hold::HoldOutcome;
 use stages::separate::Separation;
 use stages::taking_apart::RemovedBody;
 use stages::turn_over::TurnOverInputs;
-use stages::{containers, fill, glue, hold, release, separate, taking_apart, turn_over};
+use stages::{collapse, containers, fill, glue, hold, release, separate, taking_apart, turn_over};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use world::Units;
@@ -270,6 +270,7 @@ pub struct Released<'a> {
     glued: Option<Glued>,
     held: HoldOutcome,
     removed: Vec<RemovedBody>,
+    collapsed: Option<collapse::Collapse>,
     separation: Option<Separation>,
     /// With every frame that was kept.
     pile: BakedPile,
@@ -321,6 +322,7 @@ pub fn release_pile<'a>(
     let held = hold::run(&mut sim, params, stands, observer)?;
     let ground = params.ground.then_some(full.checked.ground);
     let (held, removed) = taking_apart::run(&mut sim, &scene.removals, params, ground, held, observer)?;
+    let (held, collapsed) = collapse::run(&mut sim, scene.collapse.as_ref(), params, held, observer)?;
     let separation = resolved.is_on(EffectName::Separation);
     let separation = separation.then(|| separate::run(&mut sim.pile, held.at_rest, params, ground, observer));
     hold::finish(&mut sim, params, observer);
@@ -332,7 +334,22 @@ pub fn release_pile<'a>(
         false => None,
     };
     clock.lap(Stage::Hold, observer);
-    Ok(Released { scene, params, full, resolved, plan, sim, glued, held, removed, separation, pile, entrance, clock })
+    Ok(Released {
+        scene,
+        params,
+        full,
+        resolved,
+        plan,
+        sim,
+        glued,
+        held,
+        removed,
+        collapsed,
+        separation,
+        pile,
+        entrance,
+        clock,
+    })
 }
 
 /// How the bodies of a finished pile come in, and the pile with the frames that show it.
@@ -410,7 +427,7 @@ impl Released<'_> {
             ground: full.checked.ground,
         };
         let mut report = report::make::report(&inputs, &mut self.sim, clock, observer)?;
-        report.removals = self.removed;
+        (report.removals, report.collapse) = (self.removed, self.collapsed);
         if full.is_cached {
             report.recall_fill();
         }

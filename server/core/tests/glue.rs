@@ -7,7 +7,7 @@ use cairn_core::geometry::mesh::TriMesh;
 use cairn_core::geometry::pose::Pose;
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, GlueMode, Params, ReleaseOrder, Switch};
-use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
+use cairn_core::input::scene::{CollapseRequest, Model, PlacedBody, Prop, Scene};
 use cairn_core::report::bake::Bake;
 use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
@@ -197,4 +197,42 @@ fn size_changes_nothing() {
         assert_eq!(here.0, other.0);
         assert!((here.1 / other.1 - 1.0).abs() < 1e-3, "{} {}", here.1, other.1);
     }
+}
+
+/// Two cubes wide and deep, and so many high.
+fn tower(height: u32) -> Vec<PlacedBody> {
+    let places = (0..height).flat_map(|y| (0..4).map(move |k| (k % 2, y, k / 2)));
+    let place = |(x, y, z): (u32, u32, u32)| DVec3::new(0.2 * f64::from(x), 0.1 + 0.2 * f64::from(y), 0.2 * f64::from(z));
+    places.map(|at| PlacedBody::new(0, Pose { translation: place(at), rotation: DQuat::IDENTITY })).collect()
+}
+
+#[test]
+fn a_pile_comes_down_to_the_side_that_is_asked_for_and_the_named_body_goes_first() {
+    let request = CollapseRequest {
+        prop: None,
+        number: None,
+        azimuth: 0.0,
+        start: None,
+        duration: None,
+        speed: None,
+    };
+    // Of the lowest, the first at +Z.
+    for (azimuth, number, first) in [(0.0, None, 2), (90.0, Some(1), 1), (270.0, Some(0), 0)] {
+        let collapse = Some(CollapseRequest { azimuth, number, ..request });
+        let bake = baked(&Scene { collapse, ..cubes(tower(7)) }, &params());
+        let fall = bake.report.collapse.as_ref().expect("it comes down");
+        assert_eq!((fall.first, &fall.moved_first), (first, &vec![first]), "{azimuth}");
+        assert!(fall.deviation().unwrap() < 20.0, "{azimuth}: {:?}", fall.fell_to);
+        assert!(fall.push > 0.0 && fall.came_down > 14, "{azimuth}: {fall:?}");
+        assert!(fall.at_rest && fall.frame < fall.last_joint_frame && fall.last_joint_frame < fall.rest_frame);
+        assert_eq!(bake.report.measures["second_collapse"], Some(0.0), "nothing falls that was not released");
+    }
+    // Lower than it is wide: nothing to topple over.
+    let bake = baked(&Scene { collapse: Some(request), ..cubes(tower(1)) }, &params());
+    assert_eq!(bake.report.collapse.unwrap().push, 0.0);
+    let bake = baked(&cubes(tower(2)), &params());
+    assert!(bake.report.collapse.is_none());
+    let nobody = CollapseRequest { number: Some(99), ..request };
+    let bake = baked(&Scene { collapse: Some(nobody), ..cubes(tower(1)) }, &params());
+    assert!(bake.report.collapse.is_none() && bake.report.warnings.iter().any(|w| w.starts_with("collapse: there is no")));
 }

@@ -90,6 +90,7 @@ impl Job {
         };
         let emitters = effective.emitters.iter().enumerate().map(emitter).collect();
         let removals = effective.remove.iter().enumerate().map(|(i, removal)| extra.removal(i, removal)).collect();
+        let collapse = effective.collapse.as_ref().map(|collapse| extra.collapse(collapse));
         reader.problems.append(&mut extra.problems);
         let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
             let accuracy = proto::Accuracy::from(accuracy).into();
@@ -112,6 +113,7 @@ impl Job {
             bodies,
             emitters,
             removals,
+            collapse,
         };
         reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
         if !reader.problems.is_empty() {

@@ -80,7 +80,11 @@ pub fn json(
     let figures = serde_json::to_value(&bake.report).expect("a report has a JSON form");
     for (name, value) in figures.as_object().into_iter().flatten() {
         // The effective scene below holds them in the scene file's terms. Most piles are not taken apart.
-        let is_nothing = name == "removals" && value.as_array().is_some_and(Vec::is_empty);
+        let is_nothing = match name.as_str() {
+            "removals" => value.as_array().is_some_and(Vec::is_empty),
+            "collapse" => value.is_null(),
+            _ => false,
+        };
         if name != "params" && !is_nothing {
             report.insert(name.clone(), value.clone());
         }

@@ -29,6 +29,14 @@ impl proto::UsdLayout {
     }
 }
 
+impl proto::Collapse {
+    fn with_defaults(&self) -> proto::Collapse {
+        let mut collapse = self.clone();
+        collapse.azimuth.get_or_insert(0.0);
+        collapse
+    }
+}
+
 /// The scene with every parameter and every prop's value set. It bakes to the same result.
 pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
     let mut effective = proto::Scene {
@@ -41,6 +49,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         piles: scene.piles.clone(),
         around: scene.around.clone(),
         remove: scene.remove.clone(),
+        collapse: scene.collapse.as_ref().map(proto::Collapse::with_defaults),
         goal: scene.goal,
         usd: scene.usd.as_ref().map(proto::UsdLayout::with_defaults),
         ..parameters::to_scene(params)

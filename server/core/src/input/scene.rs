@@ -24,6 +24,25 @@ pub struct Scene {
     pub emitters: Vec<Emitter>,
     /// Bodies that are taken away once the pile rests, in this order.
     pub removals: Vec<RemovalRequest>,
+    /// How the pile comes down once it rests; `None`: it stays.
+    pub collapse: Option<CollapseRequest>,
+}
+
+/// How a pile comes down.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct CollapseRequest {
+    /// The body that goes first, by its number among the bodies of the prop, or among all; without a number, of the
+    /// lowest ones the one that is farthest to the side of the fall.
+    pub prop: Option<usize>,
+    pub number: Option<usize>,
+    /// Direction of the fall, degrees from +Z toward +X.
+    pub azimuth: f64,
+    /// Not before this time, s after frame 0, and not before the pile rests; `None`: as soon as it rests.
+    pub start: Option<f64>,
+    /// Time in which the pile breaks up, s; `None`: 0.7 of that of a fall from its top.
+    pub duration: Option<f64>,
+    /// Speed that the first body gets toward the side of the fall, m/s; `None`: that of a fall by half its diameter.
+    pub speed: Option<f64>,
 }
 
 /// Bodies that are taken away once the pile rests.

@@ -123,6 +123,7 @@ pub fn report(
         seconds: own.stages,
         unsupported: support.bodies,
         removals: Vec::new(),
+        collapse: None,
         warnings: notes,
     })
 }

@@ -23,6 +23,7 @@ use crate::input::params::Params;
 use crate::prepare::effects::{Charge, Count};
 use crate::prepare::plan::Plan;
 use crate::prepare::shape::ShapeFit;
+use crate::stages::collapse::Collapse;
 use crate::stages::taking_apart::RemovedBody;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -59,6 +60,9 @@ pub struct Report {
     /// Bodies that were taken away, in their order.
     #[serde(default)]
     pub removals: Vec<RemovedBody>,
+    /// How the pile came down, where the scene asks for that.
+    #[serde(default)]
+    pub collapse: Option<Collapse>,
     /// The counts and the CPU time of each effect.
     pub bill: Vec<Charge>,
     /// One sentence each: repaired meshes, removed bodies, empty places, bodies not at rest.

@@ -36,7 +36,8 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
     figures.insert("ballistic_error_max", Some(motion.ballistic_error));
     figures.insert("second_collapse", Some(motion.second_collapse as f64));
     // Bodies that come in or leave, and scenery that moves, change the energy.
-    let is_closed = !inputs.scene.something_hits() && inputs.scene.removals.is_empty();
+    let is_closed =
+        !inputs.scene.something_hits() && inputs.scene.removals.is_empty() && inputs.scene.collapse.is_none();
     figures.insert("energy_growth_rel", is_closed.then(|| motion.energy_growth(&pile.world)));
     if let Some(rest) = inputs.held.rest {
         let seconds = rest.steps as f64 * pile.world.step_length() * units.time;

@@ -125,6 +125,26 @@ impl<'a> Pile<'a> {
         self.recorder.disturb();
     }
 
+    /// The pile begins to come down: its control ends, and what has stood may fall.
+    pub fn begin_collapse(&mut self) {
+        self.end_control(false);
+        let whole: Vec<usize> = (0..self.glue.joints.len()).filter(|&k| !self.glue.joints[k].is_broken).collect();
+        self.glue.break_joints(&whole, &mut self.world, &mut self.policy);
+        // Contacts between bodies that were one.
+        self.world.zero_step();
+    }
+
+    /// Breaks these joints of what holds the pile. The bodies that they held are free.
+    pub fn break_joints(&mut self, glue: &mut PileGlue, joints: &[usize]) {
+        if joints.is_empty() {
+            return;
+        }
+        let loose = glue.break_joints(joints, &mut self.world, &mut self.policy);
+        loose.iter().for_each(|&id| self.control.release(id));
+        self.motion.expect_falls(loose);
+        self.disturb();
+    }
+
     /// The control is withdrawn, after `lag` characteristic times: the bake is done once the pile stands by itself. The
     /// withdrawal rises as fast as the release.
     pub fn withdraw_control(&mut self, lag: f64) {

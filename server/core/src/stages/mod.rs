@@ -2,6 +2,7 @@
 
 pub mod cache;
 pub mod calibrate;
+pub mod collapse;
 pub mod containers;
 pub mod entrance;
 pub mod fill;

@@ -1,10 +1,12 @@
-//! Converts placed bodies, emitters, removals, several shapes and moving scenery from the wire. Defaults are already
+//! Converts placed bodies, emitters, removals, a collapse, several shapes and moving scenery from the wire. Defaults are already
 //! filled in.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;
 use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Emitter, EmitterVolume, Keyframe, PlacedBody, RemovalChoice, RemovalRequest};
+use cairn_core::input::scene::{
+    CollapseRequest, Emitter, EmitterVolume, Keyframe, PlacedBody, RemovalChoice, RemovalRequest,
+};
 use glam::{DQuat, DVec3};
 
 /// The last frame that can be named.
@@ -117,6 +119,22 @@ impl<'a> ExtraBodies<'a> {
             Start::StartSeconds(seconds) => seconds,
         });
         RemovalRequest { choice, start }
+    }
+
+    pub fn collapse(&mut self, collapse: &proto::Collapse) -> CollapseRequest {
+        use proto::collapse::Start;
+        let start = collapse.start.map(|start| match start {
+            Start::StartFrame(frame) => self.frame("collapse.start_frame", f64::from(frame)),
+            Start::StartSeconds(seconds) => seconds,
+        });
+        CollapseRequest {
+            prop: collapse.prop.as_ref().map(|name| self.prop("collapse.prop", name)),
+            number: collapse.number.map(|number| usize::try_from(number).unwrap_or(usize::MAX)),
+            azimuth: collapse.azimuth(),
+            start,
+            duration: collapse.duration,
+            speed: collapse.speed,
+        }
     }
 
     pub fn keys(&mut self, index: usize, model: &proto::StaticModel) -> Vec<Keyframe> {

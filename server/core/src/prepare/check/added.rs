@@ -41,6 +41,7 @@ pub fn check(scene: &Scene, params: &Params, found: &mut Findings) {
         }
     }
     removals(scene, params, found);
+    collapse(scene, found);
     let count = scene.bodies.len() as u64 + scene.emitters.iter().map(|e| u64::from(e.count)).sum::<u64>();
     if count > MOST_BODIES {
         let text = format!("bodies, emitters: {count} bodies in all; place and emit at most {MOST_BODIES}");
@@ -68,6 +69,20 @@ fn removals(scene: &Scene, params: &Params, found: &mut Findings) {
             }
         }
     }
+}
+
+fn collapse(scene: &Scene, found: &mut Findings) {
+    let Some(collapse) = &scene.collapse else { return };
+    if !scene.removals.is_empty() {
+        let text = "remove: bodies leave one after another, or the pile comes down (collapse); leave one of both out";
+        found.problem("remove", text);
+    }
+    let checks = &mut found.below("collapse", "");
+    checks.range("start", collapse.start.unwrap_or(0.0), [0.0, LATEST]);
+    checks.range("number", collapse.number.unwrap_or(0) as f64, [0.0, 1e6]);
+    checks.range("azimuth", collapse.azimuth, [-360.0, 360.0]);
+    checks.range("duration", collapse.duration.unwrap_or(0.0), [0.0, 1000.0]);
+    checks.range("speed", collapse.speed.unwrap_or(0.0), [0.0, 1000.0]);
 }
 
 impl FieldChecks<'_> {

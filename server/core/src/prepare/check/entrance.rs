@@ -35,6 +35,9 @@ pub fn check(scene: &Scene, params: &Params, found: &mut Findings) {
     if !scene.removals.is_empty() {
         refuse("remove".into());
     }
+    if scene.collapse.is_some() {
+        refuse("collapse".into());
+    }
     if params.control.until.is_some() {
         refuse("control.until".into());
     }

@@ -142,12 +142,14 @@ impl PileGlue {
         if self.breaks {
             self.calm_down(world);
         }
-        if broken.is_empty() {
-            return Vec::new();
-        }
+        if broken.is_empty() { Vec::new() } else { self.break_joints(&broken, world, policy) }
+    }
+
+    /// Breaks these joints. Returns the bodies that may move now.
+    pub fn break_joints(&mut self, broken: &[usize], world: &mut World, policy: &mut Policy) -> Vec<BodyId> {
         self.tally.broken += broken.len() as u64;
         let mut loose: Vec<BodyId> = Vec::new();
-        for &k in &broken {
+        for &k in broken {
             self.joints[k].is_broken = true;
             for id in self.joints[k].bodies() {
                 loose.extend(self.part(id, world));

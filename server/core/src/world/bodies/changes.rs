@@ -29,6 +29,14 @@ impl World {
         rigid.set_angvel((angular_velocity * units.time).as_vec3(), true);
     }
 
+    /// A free body, and all that are glued to it, turn about a point; engine units.
+    pub fn spin(&mut self, id: BodyId, about: DVec3, angular_velocity: DVec3) {
+        let rigid = &mut self.engine.bodies[self.bodies[id].carrier];
+        let center = rigid.center_of_mass().as_dvec3();
+        rigid.set_linvel(angular_velocity.cross(center - about).as_vec3(), true);
+        rigid.set_angvel(angular_velocity.as_vec3(), true);
+    }
+
     /// Gives a body another mass than its volume's, kg, distributed as before.
     pub fn set_mass(&mut self, id: BodyId, shape: &Shape, kg: f64) {
         let body = &mut self.bodies[id];
