@@ -14,6 +14,7 @@ from . import (
     estimates,
     examples,
     glue,
+    hover,
     job,
     live,
     menus,
@@ -68,6 +69,7 @@ CLASSES = [
     *report_panels.CLASSES,
     *analysis.CLASSES,
     *apart.CLASSES,
+    *hover.CLASSES,
     *parameter_panels.CLASSES,
     *panels.LAST,
 ]

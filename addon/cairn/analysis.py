@@ -271,6 +271,7 @@ class CAIRN_PT_analysis(Pile, Panel):
             return
         row = layout.row(align=True)
         row.operator_menu_enum("cairn.make_it_stand", "by", icon="LINKED")
+        row.operator("cairn.inspect", icon="EYEDROPPER")
         row.operator("cairn.clear_analysis", icon="X")
         draw_shading(layout, context)
         body = figures(context.object) if context.object else None

@@ -44,6 +44,23 @@ def test_colors_and_words(stack, addon):
 
 
 @once
+def test_the_mouse_tells(stack, addon):
+    hover = addon("hover")
+    assert not bpy.ops.cairn.inspect.poll()
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert bpy.ops.cairn.inspect.poll()
+    cuboid("part", (0.1, 0.1, 0.1), location=(0.2, 0, 1.6)).parent = stack["block"]
+    bpy.context.view_layer.update()
+    down = Vector((0, 0, -1))
+    # From above, the first is hit by its part.
+    for name, x in (("block", 0.2), ("block", 0.28), ("board", 0.9), ("table", -0.4)):
+        source = hover.hit(bpy.context, Vector((x, 0, 5)), down)
+        assert source == stack[name]
+        assert hover.said(source).startswith(f"“{name}” stands. It carries ")
+    assert hover.hit(bpy.context, Vector((9, 9, 5)), down) is None and "Esc" in hover.said(None)
+
+
+@once
 def test_colliders_are_scenery(stack, addon):
     analysis = addon("analysis")
     colliders = bpy.data.collections.new("colliders")

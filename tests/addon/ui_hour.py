@@ -4,7 +4,7 @@ import time
 
 import bpy
 from blocks import all_blocks
-from hands import picture, view, wait
+from hands import click, picture, press, view, wait, xdotool
 from window import follow_changes, take_out
 
 # How long nobody does anything, s.
@@ -73,6 +73,35 @@ def work(area):
     picture("8-glue.png")
     manager.cairn_glue = manager.cairn_loads = False
     yield from editing(area)
+    yield from inspecting(area)
+
+
+def inspecting(area):
+    """The mouse over what was analyzed."""
+    from cairn import hover
+
+    said, say = [], hover.said
+    hover.said = lambda source: said.append(say(source)) or said[-1]
+    with view(area):
+        bpy.ops.object.select_all(action="DESELECT")
+        bpy.ops.mesh.primitive_cube_add(size=2, location=(0, 0, 1))
+        bpy.ops.cairn.analyze()
+        bpy.ops.view3d.view_selected()
+        bpy.ops.object.select_all(action="DESELECT")
+        bpy.ops.cairn.inspect("INVOKE_DEFAULT")
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    middle = region.x + region.width // 2, bpy.context.window_manager.windows[0].height - region.y - region.height // 2
+    xdotool("mousemove", middle[0], middle[1] + 9)
+    yield 0.3
+    yield from click(*middle)
+    yield from wait(lambda: any(text.startswith("“Cube” stands.") for text in said), "the words of the cube")
+    yield from wait(lambda: bpy.context.view_layer.objects.active.name == "Cube", "the cube to be selected")
+    picture("8-inspect.png")
+    yield from press("Escape")
+    yield 0.3
+    hover.said = say
+    with view(area):
+        bpy.ops.cairn.clear_analysis()
 
 
 def seeds(area):
