@@ -202,20 +202,13 @@ fn size_changes_nothing() {
 /// Two cubes wide and deep, and so many high.
 fn tower(height: u32) -> Vec<PlacedBody> {
     let places = (0..height).flat_map(|y| (0..4).map(move |k| (k % 2, y, k / 2)));
-    let place = |(x, y, z): (u32, u32, u32)| DVec3::new(0.2 * f64::from(x), 0.1 + 0.2 * f64::from(y), 0.2 * f64::from(z));
+    let place = |(x, y, z): (u32, u32, u32)| DVec3::Y * 0.1 + 0.2 * DVec3::new(x.into(), y.into(), z.into());
     places.map(|at| PlacedBody::new(0, Pose { translation: place(at), rotation: DQuat::IDENTITY })).collect()
 }
 
 #[test]
 fn a_pile_comes_down_to_the_side_that_is_asked_for_and_the_named_body_goes_first() {
-    let request = CollapseRequest {
-        prop: None,
-        number: None,
-        azimuth: 0.0,
-        start: None,
-        duration: None,
-        speed: None,
-    };
+    let request = CollapseRequest { prop: None, number: None, azimuth: 0.0, start: None, duration: None, speed: None };
     // Of the lowest, the first at +Z.
     for (azimuth, number, first) in [(0.0, None, 2), (90.0, Some(1), 1), (270.0, Some(0), 0)] {
         let collapse = Some(CollapseRequest { azimuth, number, ..request });
@@ -234,5 +227,6 @@ fn a_pile_comes_down_to_the_side_that_is_asked_for_and_the_named_body_goes_first
     assert!(bake.report.collapse.is_none());
     let nobody = CollapseRequest { number: Some(99), ..request };
     let bake = baked(&Scene { collapse: Some(nobody), ..cubes(tower(1)) }, &params());
-    assert!(bake.report.collapse.is_none() && bake.report.warnings.iter().any(|w| w.starts_with("collapse: there is no")));
+    assert!(bake.report.collapse.is_none());
+    assert!(bake.report.warnings.iter().any(|warning| warning.starts_with("collapse: there is no")));
 }

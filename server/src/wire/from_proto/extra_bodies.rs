@@ -1,5 +1,5 @@
-//! Converts placed bodies, emitters, removals, a collapse, several shapes and moving scenery from the wire. Defaults are already
-//! filled in.
+//! Converts placed bodies, emitters, removals, a fall, several shapes and moving scenery from the wire. Defaults are
+//! already filled in.
 
 use crate::problem::{Problem, nearest};
 use crate::wire::proto;

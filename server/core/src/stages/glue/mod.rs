@@ -5,6 +5,7 @@
 //! [`trial`]: releases. Joints, clusters and breaking at run time are in [`crate::sim::glue`]; the solver is
 //! [`cairn_statics::glue`].
 
+mod attempt;
 mod natural;
 pub mod policy;
 mod search;

@@ -2,17 +2,16 @@
 //! the trial. The module [`super::policy`] states the order of the steps.
 
 use super::Glued;
+use super::attempt::{Attempt, Choice};
 use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
 use super::sites::Sites;
-use super::trial::{Ends, Poses, TrialResult, Trials};
+use super::trial::{Ends, TrialResult, Trials};
 use crate::error::Error;
-use crate::geometry::topology::DisjointSets;
 use crate::input::observer::{Observer, observe};
 use crate::input::params::{Params, ProofEngine, Switch};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::sim::glue::Joint;
-use crate::world::{BodyId, PairSide};
-use cairn_statics::glue::{self, GlueChoice, GlueError, GlueJoint, GlueOptions, GluePlacement};
+use cairn_statics::glue::{self, GlueError, GlueJoint, GlueOptions};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -297,127 +296,6 @@ enum Next {
     /// The next choice would be the same.
     Same,
     Other,
-}
-
-/// Joints that were chosen.
-enum Choice {
-    /// Near balance, for a trial.
-    Near(GlueChoice),
-    Certified(GluePlacement),
-}
-
-impl Choice {
-    fn joints(&self) -> &[GlueJoint] {
-        match self {
-            Choice::Near(choice) => &choice.joints,
-            Choice::Certified(placement) => &placement.joints,
-        }
-    }
-
-    fn fallen(&self) -> &[usize] {
-        match self {
-            Choice::Near(_) => &[],
-            Choice::Certified(placement) => &placement.fallen,
-        }
-    }
-
-    fn iterations(&self) -> u64 {
-        match self {
-            Choice::Near(choice) => choice.iterations,
-            Choice::Certified(placement) => placement.iterations,
-        }
-    }
-}
-
-/// A choice of joints, and the result of its trial.
-struct Attempt {
-    /// With the prices and discounts of this choice.
-    sites: Sites,
-    choice: Choice,
-    /// Sites that are glued beside the chosen ones: feet, pairs that are pressed, welds. They carry nothing in the
-    /// certified equilibrium.
-    more: BTreeSet<usize>,
-    anchors_all: bool,
-    /// Bodies that are left out of the trial.
-    absent: Vec<BodyId>,
-    /// Bodies that have moved, with these joints or fewer.
-    moving: BTreeSet<BodyId>,
-    is_welded: bool,
-    /// It stands in its own engine, too.
-    is_confirmed: bool,
-    /// Mean displacement in the trial, d.
-    displacement: f64,
-    moved: Option<f64>,
-    poses: Poses,
-}
-
-impl Attempt {
-    fn stands(&self) -> bool {
-        super::stands(self.moved, self.displacement)
-    }
-
-    fn is_as_good_as(&self, other: &Attempt) -> bool {
-        if self.stands() == other.stands() { self.displacement <= other.displacement } else { self.stands() }
-    }
-
-    fn stood(&mut self, trial: TrialResult) {
-        // A trial that ended early is worse than every other.
-        self.displacement = if trial.poses.is_some() { trial.displacement } else { f64::INFINITY };
-        self.moving.extend(trial.moved_bodies);
-        self.is_confirmed = false;
-        (self.moved, self.poses) = (Some(trial.moved), trial.poses);
-    }
-
-    fn is_chosen(&self, site: usize) -> bool {
-        self.choice.joints().binary_search_by_key(&site, |joint| joint.site).is_ok()
-    }
-
-    /// With `anchors_all`, every contact with the fixed surroundings is glued.
-    fn glue_feet(&mut self) {
-        if !self.anchors_all {
-            return;
-        }
-        let pile = self.sites.problem(DVec3::NEG_Y);
-        let feet = (0..pile.sites.len()).filter(|&t| {
-            let is_foot = matches!(self.sites.between[t].1, PairSide::Ground | PairSide::Scenery);
-            let stands = self.choice.fallen().binary_search(&pile.sites[t].body).is_err();
-            is_foot && self.sites.is_real(t) && stands && !self.is_chosen(t)
-        });
-        let feet: Vec<usize> = feet.collect();
-        self.more.extend(feet);
-    }
-
-    /// Further sites, so that each of these bodies is one solid with all that it touches: they hold against motion
-    /// that statics does not predict.
-    fn welds(&self, moving: &BTreeSet<BodyId>) -> Vec<usize> {
-        let moves = |side: PairSide| matches!(side, PairSide::Body(id) if moving.contains(&id));
-        self.joining(|site| {
-            let (a, b) = self.sites.between[site];
-            moves(PairSide::Body(a)) || moves(b)
-        })
-    }
-
-    /// Further sites, so that the two bodies of each of these are one solid.
-    fn joining(&self, joins: impl Fn(usize) -> bool) -> Vec<usize> {
-        let pile = self.sites.problem(DVec3::NEG_Y);
-        // The fixed surroundings are one more solid.
-        let still = self.sites.ids.len();
-        let ends = |site: usize| (pile.sites[site].body, pile.sites[site].other.unwrap_or(still));
-        let mut solids = DisjointSets::new(still + 1);
-        for site in self.choice.joints().iter().map(|joint| joint.site).chain(self.more.iter().copied()) {
-            let (a, b) = ends(site);
-            solids.join(a, b);
-        }
-        let mut more = Vec::new();
-        for (number, site) in pile.sites.iter().enumerate() {
-            let (a, b) = ends(number);
-            if site.may_glue && self.sites.is_real(number) && joins(number) && solids.find(a) != solids.find(b) {
-                solids.join(a, b);
-                more.push(number);
-            }
-        }
-        more
-    }
 }
 
 fn failure<T>(result: Result<T, GlueError>) -> Result<T, Error> {
