@@ -23,6 +23,22 @@ fn server_of(workers: usize, folder: &std::path::Path, bake: &str, args: &[&str]
     Server::start_in(folder, &[&["--workers", &workers.to_string(), "--worker-program", program], args].concat())
 }
 
+/// The server measures how slow the machine is, once for all of its workers.
+#[tokio::test]
+async fn workers_know_how_slow_the_machine_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = folder.path().join("arguments");
+    let server = server_of(1, folder.path(), &format!("echo \"$*\" >> {}", log.display()), &[]);
+    let mut connection = server.ready().await;
+    for seed in 1.. {
+        assert!(seed < 100, "it is never known");
+        events(connection.service.bake(request(short(seed))).await.unwrap().into_inner()).await.1.unwrap();
+        if std::fs::read_to_string(&log).unwrap().contains("--slowness ") {
+            break;
+        }
+    }
+}
+
 /// A bake alone gets all cores; one that starts beside it gets its share.
 #[tokio::test]
 async fn bakes_share_the_cores() {

@@ -17,6 +17,10 @@ pub struct Args {
     #[arg(long)]
     memory: Option<u64>,
 
+    /// Slowness of this machine, if the server has measured it
+    #[arg(long)]
+    slowness: Option<f64>,
+
     /// Format of an export
     #[arg(long)]
     format: Option<String>,
@@ -43,6 +47,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     worker::end_with_server();
     if let Some(bytes) = args.memory {
         machine::limit_memory(bytes).map_err(|error| Failure::Internal(error.to_string()))?;
+    }
+    if let Some(slowness) = args.slowness {
+        machine::set_slowness(slowness);
     }
     machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
     let result = match args.task {

@@ -11,14 +11,25 @@ pub fn cpu_seconds() -> f64 {
     ProcessTime::try_now().map_or(0.0, |time| time.as_duration().as_secs_f64())
 }
 
+static SLOWNESS: OnceLock<f64> = OnceLock::new();
+
 /// CPU time on this machine / that on the one that the cost model was fitted on. Measured once, in a few tenths of a
 /// second.
 pub fn slowness() -> Result<f64, cairn_core::Error> {
-    static FOUND: OnceLock<f64> = OnceLock::new();
-    match FOUND.get() {
-        Some(&found) => Ok(found),
-        None => calibrate(cpu_seconds).map(|found| *FOUND.get_or_init(|| found)),
+    match known_slowness() {
+        Some(found) => Ok(found),
+        None => calibrate(cpu_seconds).map(|found| *SLOWNESS.get_or_init(|| found)),
     }
+}
+
+/// The same, if it was measured.
+pub fn known_slowness() -> Option<f64> {
+    SLOWNESS.get().copied()
+}
+
+/// Takes the slowness from a process that has measured it.
+pub fn set_slowness(found: f64) {
+    SLOWNESS.get_or_init(|| found);
 }
 
 /// CPU seconds of this process since the start of the meter. Earlier time is excluded, because `cargo run` becomes the

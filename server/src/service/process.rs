@@ -3,6 +3,7 @@
 
 use crate::failpoints;
 use crate::files::plain_reason;
+use crate::job::machine;
 use crate::service::config::Config;
 use crate::service::event_log::codec;
 use crate::service::folder::ResultKind;
@@ -79,6 +80,9 @@ impl Worker {
         }
         if let Some(bytes) = config.bake_memory() {
             command.arg("--memory").arg(bytes.to_string());
+        }
+        if let Some(slowness) = machine::known_slowness() {
+            command.arg("--slowness").arg(slowness.to_string());
         }
         if config.reuse {
             command.arg("--cache").arg(config.data.join(CACHE));

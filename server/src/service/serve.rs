@@ -1,5 +1,6 @@
 //! The server around the service: authentication, health, reflection and shutdown.
 
+use crate::job::machine;
 use crate::problem::Problem;
 use crate::service::access::{self, Access};
 use crate::service::audit::{Audit, OpenCalls};
@@ -92,6 +93,8 @@ pub async fn run(
     info!(version = crate::version::BUILD, data, workers, "starting");
     let users = config.users.clone();
     let bakes = Bakes::new(config, store, secrets.hook);
+    // Meanwhile, so that no bake waits for it.
+    tokio::task::spawn_blocking(machine::slowness);
     bakes.restore().map_err(|error| ServeError::Failed(format!("the store cannot be read: {error}")))?;
     let keeper = tokio::spawn(bakes.clone().keep_limits());
 
