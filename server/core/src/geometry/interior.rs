@@ -18,6 +18,7 @@ use glam::{DMat3, DVec3};
 pub use grid::DistanceGrid;
 use rand::{Rng, RngExt};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Winding number above which a point belongs to the solid.
 const INSIDE: f64 = 0.5;
@@ -73,7 +74,10 @@ pub struct MeshInterior {
     /// The triangles that bound the solid, unless those are all.
     surface: Option<Bvh>,
     bounds: (DVec3, DVec3),
-    volume: f64,
+    /// As often as the mesh winds around each point.
+    enclosed: f64,
+    /// Of the solid, once somebody asks: it is sampled.
+    volume: OnceLock<f64>,
     inside_out: bool,
 }
 
@@ -97,8 +101,7 @@ impl MeshInterior {
         let triangles: Vec<_> = (0..mesh.triangles.len()).map(|i| (i as u32, turn(mesh.corners(i)))).collect();
         let all = Winding { tree: Bvh::new(triangles.clone()), closed };
         let surface = surface_triangles(&all, &triangles, bounds.0.distance(bounds.1));
-        let volume = solid_volume(&all, bounds, enclosed.abs());
-        MeshInterior { all, surface, bounds, volume, inside_out }
+        MeshInterior { all, surface, bounds, enclosed: enclosed.abs(), volume: OnceLock::new(), inside_out }
     }
 
     /// Generalised winding number: 1 inside a closed outward mesh, 0 outside, 2 where two parts overlap.
@@ -129,7 +132,7 @@ impl MeshInterior {
     /// Volume of the solid, m^3. Exact for a closed mesh without overlaps; otherwise overlaps (or, for an open mesh,
     /// all of it) are sampled on a grid of 40 points along each axis of the box.
     pub fn volume(&self) -> f64 {
-        self.volume
+        *self.volume.get_or_init(|| solid_volume(&self.all, self.bounds, self.enclosed))
     }
 
     /// Smallest and largest corner of the axis-aligned box around the triangles.
