@@ -225,6 +225,11 @@ fn a_pile_comes_down_to_the_side_that_is_asked_for_and_the_named_body_goes_first
     assert_eq!(bake.report.collapse.unwrap().push, 0.0);
     let bake = baked(&cubes(tower(2)), &params());
     assert!(bake.report.collapse.is_none());
+    // What is placed to stay does: the pile falls beside it.
+    let pinned = PlacedBody { pinned: true, ..cube(0.4, 0.1) };
+    let bodies = tower(5).into_iter().chain([pinned]).collect();
+    let bake = baked(&Scene { collapse: Some(request), ..cubes(bodies) }, &params());
+    assert!(fell(&bake, 20).abs() < 1e-6 && bake.report.collapse.unwrap().came_down > 10);
     let nobody = CollapseRequest { number: Some(99), ..request };
     let bake = baked(&Scene { collapse: Some(nobody), ..cubes(tower(1)) }, &params());
     assert!(bake.report.collapse.is_none());

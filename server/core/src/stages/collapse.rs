@@ -18,7 +18,7 @@ use crate::input::scene::CollapseRequest;
 use crate::sim::glue::{Joint, PileGlue};
 use crate::sim::pile::Pile;
 use crate::sim::step::Simulation;
-use crate::world::{BodyId, PairSide};
+use crate::world::{BodyId, PairSide, Role};
 use glam::DVec3;
 use std::collections::BTreeSet;
 
@@ -174,11 +174,12 @@ fn first(pile: &Pile, request: &CollapseRequest, toward: DVec3) -> Option<BodyId
     lowest.max_by(|(a, p), (b, q)| p.dot(toward).total_cmp(&q.dot(toward)).then(b.cmp(a))).map(|(id, _)| *id)
 }
 
-/// From now on, all that touches is one solid, but for the first body and the ground.
+/// From now on, all that touches is one solid, but for the first body, the ground, and what is placed to stay.
 fn solid(pile: &mut Pile, first: BodyId) -> PileGlue {
     let sites = Sites::new(&pile.world, None, false, &BTreeSet::new());
+    let moves = |id: BodyId| id != first && pile.world.bodies()[id].role != Role::Pinned;
     let joints = (0..sites.between.len())
-        .filter(|&site| matches!(sites.between[site], (a, PairSide::Body(b)) if a != first && b != first))
+        .filter(|&site| matches!(sites.between[site], (a, PairSide::Body(b)) if moves(a) && moves(b)))
         .map(|site| sites.joint(site, DVec3::ZERO, DVec3::ZERO, f64::INFINITY, 1.0));
     let solid = PileGlue::new(joints.collect(), false, &mut pile.world, &mut pile.policy);
     // Its contacts with the ground.
