@@ -4,14 +4,18 @@ mod common;
 
 use cairn_core::geometry::ClosedMesh;
 use cairn_core::geometry::mesh::TriMesh;
+use cairn_core::geometry::pose::Pose;
 use cairn_core::geometry::topology::{close_holes, inspect, weld};
 use cairn_core::input::observer::Silent;
 use cairn_core::input::params::{Accuracy, Params};
+use cairn_core::input::scene::{Model, Prop, Scene, StaticModel};
 use cairn_core::prepare::container::{Container, has_fine_walls};
 use cairn_core::prepare::effects::EffectName;
+use cairn_core::prepare::shape::{Shape, Size};
+use cairn_core::prepare::surroundings::Surroundings;
 use cairn_core::prepare::units::Units;
 use common::cone;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 
 /// A box from `low` to `high`, each side cut into `cuts` x `cuts` squares; faces outward.
 fn block(low: DVec3, high: DVec3, cuts: u32) -> TriMesh {
@@ -210,4 +214,36 @@ fn hollow_props_take_the_room_of_their_hull() {
     };
     let (cups, crates) = (expected(&cup), expected(&crate_));
     assert!((cups / crates - 1.0).abs() < 0.1, "{cups} {crates}");
+}
+
+/// An arch over a sheet that goes through both of its feet, or through its top, or that it stands on.
+#[test]
+fn what_has_a_sheet_through_its_middle_is_known() {
+    let part = |x: f64, y: f64, half: [f64; 2]| {
+        let (middle, half) = (DVec3::new(x, y, 0.0), DVec3::new(half[0], half[1], 0.05));
+        block(middle - half, middle + half, 1)
+    };
+    let arch = joined(&[part(-0.4, 0.0, [0.1, 0.4]), part(0.4, 0.0, [0.1, 0.4]), part(0.0, 0.35, [0.45, 0.05])]);
+    let sizes = [Size::of(&arch)];
+    let prop = Prop::new(Model::new("arch", arch));
+    let shape = Shape::new(&prop, sizes[0], &Params::new(Accuracy::Draft).physics).unwrap();
+    let side = 3.0;
+    let points = [[-side, -side], [-side, side], [side, side], [side, -side]].map(|[x, z]| DVec3::new(x, 1.0, z));
+    let sheet = TriMesh { points: points.to_vec(), triangles: vec![[0, 1, 2], [0, 2, 3]] };
+    let still = StaticModel { model: Model::new("sheet", sheet), friction: 0.5, keys: Vec::new() };
+    let mesh = block(DVec3::new(-2.0, 0.0, -2.0), DVec3::new(2.0, 4.0, 2.0), 2);
+    let scene = Scene { props: vec![prop], statics: vec![still], ..Scene::default() };
+    let surroundings = Surroundings::new(&scene, &mesh, Some(0.0)).unwrap();
+    let container = container(&mesh, 0.0).apart_from(surroundings, &scene, &sizes);
+    let reaches = |height: f64, turn: f64| {
+        let pose = Pose { translation: DVec3::new(0.3, height, 0.2), rotation: DQuat::from_rotation_x(turn) };
+        container.pierced(&shape, 1.0, &shape.body_pose(&pose, 1.0)).map(|(piece, depth)| {
+            assert_eq!(piece, 0);
+            depth
+        })
+    };
+    assert_eq!([reaches(1.42, 0.0), reaches(0.58, 0.0), reaches(1.055, 1.57)], [None; 3], "above, below, lying beside");
+    let near = |found: Option<f64>, depth: f64| found.is_some_and(|found| (found - depth).abs() < 0.05);
+    assert!(near(reaches(1.2, 0.0), 0.2), "{:?}", reaches(1.2, 0.0));
+    assert!(near(reaches(0.65, 0.0), 0.05), "{:?}", reaches(0.65, 0.0));
 }

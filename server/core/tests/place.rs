@@ -1,4 +1,5 @@
-//! Piles among scenery: nothing lies in it, and what carries a pile is known.
+//! Piles among scenery: nothing lies in it, and what carries a pile is known. Long: each kind of scenery has its own
+//! scene.
 
 mod common;
 
@@ -125,6 +126,57 @@ fn no_body_lies_in_scenery() {
     let expected = |bake: &Bake| bake.report.plan.expected_bodies as f64;
     let share = expected(&done) / expected(&void);
     assert!((0.9..1.1).contains(&share), "{share} of the bodies are expected");
+}
+
+/// Arches that were poured before a sheet was there, which may have it between their parts, do not keep it.
+#[test]
+fn no_body_has_a_sheet_through_its_middle() {
+    let part = |x: f64, y: f64, size: [f64; 2]| at(block(DVec3::new(size[0], size[1], 0.02)), DVec3::new(x, y, 0.0));
+    let mut arch = part(-0.07, 0.0, [0.02, 0.16]);
+    arch.append(&part(0.07, 0.0, [0.02, 0.16]));
+    arch.append(&part(0.0, 0.07, [0.16, 0.02]));
+    let shape = at(block(DVec3::new(0.7, 0.5, 0.7)), DVec3::Y * 0.25);
+    let scene = Scene { statics: vec![piece("shelf", sheet(0.3, 0.2))], ..scene(shape, arch) };
+    let done = bake(&scene, &draft(FillMethod::Pour));
+    assert!(done.report.counts["removed_cutting"] > 0);
+    let cuts = done.report.warnings.iter().find(|text| text.contains("shelf, by up to"));
+    assert!(cuts.is_none(), "{cuts:?}");
+    for body in corners(&scene, &done) {
+        let is_inside = body.iter().all(|p| p.x.abs() < 0.3 && p.z.abs() < 0.3);
+        let (above, below) = body.iter().fold((0.0, 0.0), |(a, b): (f64, f64), p| (a.max(p.y - 0.2), b.max(0.2 - p.y)));
+        assert!(!is_inside || above.min(below) < CUT, "a body is on both sides of the shelf: {above}, {below}");
+    }
+}
+
+/// A tub whose wall is so thick that all corners of the shape are in it takes room all the same.
+#[test]
+fn a_shape_may_reach_into_a_thick_wall() {
+    let rim = |radius: f64, y: f64| ring(radius, y, 1.0, false).points.into_iter().take(ANGLES as usize);
+    let (radius, wall) = (0.3, 0.2);
+    let rings = [rim(radius + wall, -wall), rim(radius + wall, 0.5), rim(radius, 0.5), rim(radius, 0.0)];
+    let middles = [DVec3::Y * -wall, DVec3::ZERO];
+    let band = |i: u32| {
+        (0..ANGLES).flat_map(move |k| {
+            let (a, b) = (i * ANGLES + k, i * ANGLES + (k + 1) % ANGLES);
+            [[a, a + ANGLES, b], [b, a + ANGLES, b + ANGLES]]
+        })
+    };
+    let floor = (0..ANGLES).map(|k| [3 * ANGLES + k, 4 * ANGLES + 1, 3 * ANGLES + (k + 1) % ANGLES]);
+    let foot = (0..ANGLES).map(|k| [k, (k + 1) % ANGLES, 4 * ANGLES]);
+    let tub = TriMesh {
+        points: rings.into_iter().flatten().chain(middles).collect(),
+        triangles: (0..3).flat_map(band).chain(floor).chain(foot).collect(),
+    };
+    let shape = at(block(DVec3::new(0.66, 0.4, 0.66)), DVec3::Y * 0.21);
+    let brick = block(DVec3::new(0.16, 0.08, 0.1));
+    let scene = Scene { statics: vec![piece("tub", tub)], ..scene(shape, brick) };
+    let done = bake(&scene, &draft(FillMethod::Insert));
+    assert!(done.pile.bodies.len() > 20, "{} bodies", done.pile.bodies.len());
+    // The wall is a polygon.
+    let most = radius + CUT;
+    for p in corners(&scene, &done).concat() {
+        assert!(p.x.hypot(p.z) < most || p.y > 0.5, "a corner is at {p}, in the wall");
+    }
 }
 
 /// A body that is put into scenery is reported with the scenery's name, their count and the depth.

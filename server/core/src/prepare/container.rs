@@ -8,11 +8,12 @@ use self::core::Core;
 use crate::geometry::contact::CARRYING_GAP;
 use crate::geometry::interior::{DistanceGrid, MeshInterior};
 use crate::geometry::mesh::{TriMesh, bounds, boxes_meet};
+use crate::geometry::pose::Pose;
 use crate::geometry::simplify::{self, Simplified};
 use crate::geometry::topology::{self, Topology};
 use crate::geometry::{ClosedMesh, RESOLUTION};
 use crate::input::scene::Scene;
-use crate::prepare::shape::Size;
+use crate::prepare::shape::{Shape, Size, corners};
 use crate::prepare::surroundings::{self, Surroundings};
 use crate::prepare::units::Units;
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
@@ -171,6 +172,17 @@ impl Container {
     pub fn depth_in_scenery(&self, p: DVec3) -> f64 {
         let depth = |around: &Arc<Surroundings>| around.depth(self.units.point_to_si(p)) / self.units.length;
         self.surroundings.as_ref().map_or(0.0, depth)
+    }
+
+    /// The piece of scenery that a body has through its middle, as an index into the scene's `statics`, and how far it
+    /// reaches through that, on the side where that is less. `scale` engine units per metre of the prop.
+    pub fn pierced(&self, shape: &Shape, scale: f64, pose: &Pose) -> Option<(usize, f64)> {
+        let around = self.surroundings.as_ref()?;
+        let to_si = |p: DVec3| self.units.point_to_si(p);
+        let crossed = shape.skeleton(scale, pose).find_map(|[a, b]| around.between(to_si(a), to_si(b)))?;
+        let heights = corners(shape, scale, pose).map(|p| to_si(p).dot(crossed.normal) - crossed.offset);
+        let (above, below) = heights.fold((0.0f64, 0.0f64), |(above, below), h| (above.max(h), below.max(-h)));
+        Some((crossed.piece, above.min(below) / self.units.length))
     }
 
     /// Height of what carries a place: of the scenery below it, and no lower than the base. 0 without scenery, where

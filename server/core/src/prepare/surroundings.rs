@@ -42,6 +42,19 @@ struct Source {
     is_sheet: bool,
     /// Its unit normal on its upper side.
     up: DVec3,
+    /// Of its plane along that normal, m.
+    offset: f64,
+}
+
+/// A plane of scenery that a line crosses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Crossed {
+    /// Index into the scene's `statics`.
+    pub piece: usize,
+    /// Unit.
+    pub normal: DVec3,
+    /// Of the plane along its normal, m.
+    pub offset: f64,
 }
 
 /// A stretch of a vertical line between scenery.
@@ -70,7 +83,7 @@ const NEAR: f64 = 1.0;
 const FLAT: f64 = 1e-5;
 /// Props count as this much thinner than they are: a rounded one fits where its box does not.
 const ROUNDING: f64 = 0.9;
-/// Corners of the shape at which a closed piece is asked whether the shape is inside of it.
+/// Corners, and middles of triangles, of the shape at which a closed piece is asked whether the shape is inside of it.
 const ASKED: usize = 64;
 /// A landscape covers the shape on so many of eight sides, this far beyond it, in its largest edge.
 const COVERED: usize = 6;
@@ -125,15 +138,12 @@ impl Surroundings {
                     }
                     let [a, b, c] = corners;
                     let normal = (b - a).cross(c - a).normalize_or_zero();
+                    let up = if normal.y < 0.0 { -normal } else { normal };
                     if is_sheet {
                         sheets.push((sheets.len() as u32, corners));
                     }
                     all.push((triangles.len() as u32, corners));
-                    triangles.push(Source {
-                        piece: piece as u32,
-                        is_sheet,
-                        up: if normal.y < 0.0 { -normal } else { normal },
-                    });
+                    triangles.push(Source { piece: piece as u32, is_sheet, up, offset: a.dot(up) });
                 }
             }
         }
@@ -162,6 +172,13 @@ impl Surroundings {
     /// Depth of a point in the solid pieces, m; 0 outside.
     pub fn depth(&self, p: DVec3) -> f64 {
         self.solid.as_ref().map_or(0.0, |solid| (-solid.signed_distance(p)).max(0.0))
+    }
+
+    /// The surface that the line from one point to another meets, if there is one.
+    pub fn between(&self, from: DVec3, to: DVec3) -> Option<Crossed> {
+        let name = self.all.between(from, to)?;
+        let source = self.triangles[name as usize];
+        Some(Crossed { piece: source.piece as usize, normal: source.up, offset: source.offset })
     }
 
     /// Leaves only the room in a distance grid of the shape, in engine units, without what scenery makes too narrow for
@@ -320,14 +337,23 @@ fn closed(part: &TriMesh) -> Option<TriMesh> {
     (volume > FLAT * found.area * found.diagonal).then_some(part)
 }
 
-/// Whether all of a shape is inside a closed mesh.
+/// Whether all of a shape is inside a closed mesh: nothing of its surface outside, and nothing of the mesh in it, as of
+/// a crate whose walls hold the shape's surface.
 fn holds(closed: &TriMesh, shape: &TriMesh) -> bool {
     if !box_holds(closed.bounds(), shape.bounds()) {
         return false;
     }
-    let region = MeshInterior::new(closed);
-    let step = shape.points.len().div_ceil(ASKED).max(1);
-    shape.points.iter().step_by(step).all(|&p| region.contains(p))
+    let (around, inside) = (MeshInterior::new(closed), MeshInterior::new(shape));
+    let all_in = asked(shape).all(|p| around.contains(p));
+    all_in && asked(closed).all(|p| !inside.contains(p))
+}
+
+/// Some corners of a mesh and some middles of its triangles.
+fn asked(mesh: &TriMesh) -> impl Iterator<Item = DVec3> + '_ {
+    let step = |count: usize| count.div_ceil(ASKED).max(1);
+    let middle = |i: usize| mesh.corners(i).into_iter().sum::<DVec3>() / 3.0;
+    let middles = (0..mesh.triangles.len()).step_by(step(mesh.triangles.len())).map(middle);
+    mesh.points.iter().copied().step_by(step(mesh.points.len())).chain(middles)
 }
 
 /// The lowest point of each mesh and of all that it is joined to by touching boxes.

@@ -60,23 +60,32 @@ pub struct Cut {
 /// A body that reaches deeper into scenery than this, in its thickness, cuts it.
 const CUTS: f64 = 0.1;
 
-/// The bodies that cut scenery, piece by piece. `buried`: depth of a body in solid scenery that stands still, engine
-/// units: it may be so deep that it meets no surface.
-pub fn cuts(world: &World, buried: impl Fn(BodyId) -> f64) -> Vec<Cut> {
+/// What is known of a body and of scenery that stands still, where contacts may not show it. Engine units.
+#[derive(Default)]
+pub struct InScenery {
+    /// Depth in solid scenery: it may be so deep that it meets no surface.
+    pub buried: f64,
+    /// The piece that goes through its middle, as [`Cut::piece`], and how far the body reaches through it.
+    pub pierced: Option<(usize, f64)>,
+}
+
+/// The bodies that cut scenery, piece by piece.
+pub fn cuts(world: &World, of: impl Fn(BodyId) -> InScenery) -> Vec<Cut> {
     let mut cuts = BTreeMap::<(bool, usize), Cut>::new();
-    let mut add = |(moves, piece): (bool, usize), depth: f64| {
-        let cut = cuts.entry((moves, piece)).or_insert(Cut { piece, moves, bodies: 0, depth: 0.0 });
-        (cut.bodies, cut.depth) = (cut.bodies + 1, cut.depth.max(depth));
-    };
     for id in world.present() {
-        let thickness = world.bodies()[id].thickness;
-        let met = world.scenery_overlaps(id);
-        let buried = buried(id);
-        for &(piece, deep) in met.iter().filter(|met| met.1.max(buried) > CUTS * thickness) {
-            add(piece, deep.max(buried));
+        let InScenery { buried, pierced } = of(id);
+        let met = world.scenery_overlaps(id).into_iter();
+        let mut depths: BTreeMap<(bool, usize), f64> = met.map(|(piece, depth)| (piece, depth.max(buried))).collect();
+        if let Some((piece, depth)) = pierced {
+            depths.entry((false, piece)).and_modify(|known| *known = known.max(depth)).or_insert(depth);
         }
-        if met.is_empty() && buried > CUTS * thickness {
-            add((false, usize::MAX), buried);
+        if depths.is_empty() {
+            depths.insert((false, usize::MAX), buried);
+        }
+        let most = CUTS * world.bodies()[id].thickness;
+        for ((moves, piece), depth) in depths.into_iter().filter(|(_, depth)| *depth > most) {
+            let cut = cuts.entry((moves, piece)).or_insert(Cut { piece, moves, bodies: 0, depth: 0.0 });
+            (cut.bodies, cut.depth) = (cut.bodies + 1, cut.depth.max(depth));
         }
     }
     cuts.into_values().collect()

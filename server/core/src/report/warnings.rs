@@ -1,7 +1,7 @@
 //! The warnings of a report: removed bodies, empty places, bodies not at rest. Long: its tests hold each against its
 //! cause and what looks alike.
 
-use super::contacts::{self, Cut};
+use super::contacts::{self, Cut, InScenery};
 use super::inputs::{NamedFigures, ReportInputs};
 use crate::error::counted;
 use crate::measure::ShapeMeasures;
@@ -174,15 +174,18 @@ impl Guarded {
 /// Warnings about bodies that cut scenery in the end.
 pub fn cuts(inputs: &ReportInputs, sim: &Simulation) -> Vec<String> {
     let world = &sim.pile.world;
-    let container = inputs.filled.map(|(container, _)| container);
-    let buried = |id: BodyId| {
-        let (Some(container), body) = (container.filter(|of| !of.scenery().is_empty()), &world.bodies()[id]) else {
-            return 0.0;
-        };
-        let (shape, size) = (&inputs.shapes[body.prop], body.scale / world.units.length);
-        corners(shape, size, &world.pose(id)).map(|p| container.depth_in_scenery(p)).fold(0.0, f64::max)
+    // As the container knows the scenery, nothing of it has moved yet.
+    let still = inputs.scene.statics.iter().all(|model| model.keys.is_empty());
+    let container = inputs.filled.map(|(container, _)| container).filter(|of| still && !of.scenery().is_empty());
+    let in_scenery = |id: BodyId| {
+        let (Some(container), body) = (container, &world.bodies()[id]) else { return InScenery::default() };
+        let (shape, size, pose) = (&inputs.shapes[body.prop], body.scale / world.units.length, world.pose(id));
+        InScenery {
+            buried: corners(shape, size, &pose).map(|p| container.depth_in_scenery(p)).fold(0.0, f64::max),
+            pierced: container.pierced(shape, size, &pose),
+        }
     };
-    let cuts = contacts::cuts(world, buried);
+    let cuts = contacts::cuts(world, in_scenery);
     let cut = |cut: &Cut| {
         let mut of_kind = inputs.scene.statics.iter().filter(|model| model.keys.is_empty() != cut.moves);
         let name = of_kind.nth(cut.piece).map_or("the scenery", |model| &model.model.name);

@@ -192,18 +192,27 @@ impl Bvh {
 
     /// Whether the line from one point to another meets a triangle.
     pub fn is_between(&self, from: DVec3, to: DVec3) -> bool {
+        self.between(from, to).is_some()
+    }
+
+    /// The name of a triangle that the line from one point to another meets.
+    pub fn between(&self, from: DVec3, to: DVec3) -> Option<u32> {
         let way = to - from;
         let (low, high) = (from.min(to), from.max(to));
         let enter = |lo: DVec3, hi: DVec3| lo.cmple(high).all() && hi.cmpge(low).all();
-        !self.visit(enter, |[a, b, c]| {
+        let mut met = None;
+        self.visit_named(enter, |name, [a, b, c]| {
             // Moeller & Trumbore 1997.
             let (ab, ac) = (b - a, c - a);
             let across = way.cross(ac);
             let (area, start) = (ab.dot(across), from - a);
             let (u, up) = (start.dot(across) / area, start.cross(ab));
             let (v, along) = (way.dot(up) / area, ac.dot(up) / area);
-            area == 0.0 || u < 0.0 || v < 0.0 || u + v > 1.0 || !(0.0..=1.0).contains(&along)
-        })
+            let misses = area == 0.0 || u < 0.0 || v < 0.0 || u + v > 1.0 || !(0.0..=1.0).contains(&along);
+            met = (!misses).then_some(name);
+            misses
+        });
+        met
     }
 
     /// As `visit`, with the triangle's name.

@@ -15,6 +15,7 @@ mod nest;
 mod outer;
 mod round;
 mod size;
+mod skeleton;
 mod summary;
 
 use crate::error::{Error, SceneProblem};
@@ -100,6 +101,8 @@ pub struct Shape {
     /// The hulls of a convex solid's parts, at a size of about 1: those of each scale are made from these.
     #[serde(skip)]
     hulls: OnceLock<Option<Vec<Hull>>>,
+    #[serde(skip)]
+    skeleton: OnceLock<Vec<[DVec3; 2]>>,
 }
 
 /// The collision shape, about the centre of mass, m.
@@ -175,6 +178,7 @@ impl Shape {
             bare,
             report,
             hulls: OnceLock::new(),
+            skeleton: OnceLock::new(),
         })
     }
 
@@ -219,20 +223,26 @@ impl Shape {
                 let place = EnginePose::from_translation((*center * scale).as_vec3());
                 Some((place, SharedShape::ball((radius * scale) as f32)))
             }
-            Solid::Convex(parts) => {
-                let hull = |points: &Vec<DVec3>| {
-                    let points: Vec<Vector> = points.iter().map(|&p| (p / self.size.diameter).as_vec3()).collect();
-                    Hull::new(&points)
-                };
-                let hulls = self.hulls.get_or_init(|| parts.iter().map(hull).collect()).as_ref()?;
+            Solid::Convex(_) => {
+                let hulls = self.unit_hulls()?;
                 let scaled = |hull: &Hull| SharedShape::new(hull.scaled((scale * self.size.diameter) as f32));
-                let whole = match &hulls[..] {
+                let whole = match hulls {
                     [hull] => scaled(hull),
                     hulls => SharedShape::compound(hulls.iter().map(|h| (EnginePose::IDENTITY, scaled(h))).collect()),
                 };
                 Some((EnginePose::IDENTITY, whole))
             }
         }
+    }
+
+    /// The hulls of a convex solid's parts, in the prop's diameter.
+    fn unit_hulls(&self) -> Option<&[Hull]> {
+        let Solid::Convex(parts) = &self.solid else { return None };
+        let hull = |points: &Vec<DVec3>| {
+            let points: Vec<Vector> = points.iter().map(|&p| (p / self.size.diameter).as_vec3()).collect();
+            Hull::new(&points)
+        };
+        self.hulls.get_or_init(|| parts.iter().map(hull).collect()).as_deref()
     }
 
     /// The engine's mass properties for a body at this scale: `length` engine units per metre, `mass` engine units

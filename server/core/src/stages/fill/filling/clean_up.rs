@@ -26,15 +26,17 @@ impl Filling<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// Depth of the deepest corner of a body in solid scenery, in its thickness.
-    fn depth_in_scenery(&self, id: BodyId) -> f64 {
+    /// Whether a body has scenery through its middle, or a corner deeper in solid scenery than `limit` of its
+    /// thickness.
+    fn is_in_scenery(&self, id: BodyId, limit: f64) -> bool {
         let (placed, container) = (self.world.instance(id), self.task.container);
         let (shape, size) = (&self.task.shapes[placed.prop], placed.scale / self.task.units.length);
         if container.distance.signed_distance(placed.pose.translation) < -self.world.body(id).radius {
-            return 0.0;
+            return false;
         }
-        let depths = corners(shape, size, &placed.pose).map(|p| container.depth_in_scenery(p));
-        depths.fold(0.0, f64::max) / self.world.body(id).thickness
+        let most = limit * self.world.body(id).thickness;
+        container.pierced(shape, size, &placed.pose).is_some()
+            || corners(shape, size, &placed.pose).any(|p| container.depth_in_scenery(p) > most)
     }
 
     /// Takes out bodies from `first` on, which are equally new, until `limit` bodies are left: some from everywhere go.
@@ -99,8 +101,9 @@ impl Filling<'_> {
             return 0;
         }
         let mut cutting = self.world.cutting_scenery(limit);
-        // The engine finds no contact where a long body has gone far through a face.
-        let deep = self.world.loose().filter(|id| !cutting.contains(id) && self.depth_in_scenery(*id) > limit);
+        // The engine finds no contact where a long body has gone far through a face, nor where the parts of one lie on
+        // both sides of a sheet.
+        let deep = self.world.loose().filter(|id| !cutting.contains(id) && self.is_in_scenery(*id, limit));
         let deep: Vec<BodyId> = deep.collect();
         cutting.extend(deep);
         cutting.iter().for_each(|&id| self.world.remove(id));

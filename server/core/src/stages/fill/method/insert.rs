@@ -192,6 +192,7 @@ fn plant(
         let slack = 0.1 * shape.thickness() * size + outside;
         if container.contains(corners(shape, size, &pose), slack)
             && !container.is_solid_at(pose.translation)
+            && container.pierced(shape, size, &pose).is_none()
             && filling.world.reserve(shape, SEED_SCALE * scale, &pose, &mut reserved)
         {
             outside_count += usize::from(is_outside);
