@@ -43,7 +43,7 @@ struct Arguments {
     /// Take the props from the glTF files of a folder, each scaled to the size of the study's own
     #[arg(long)]
     props: Option<PathBuf>,
-    /// File for the table, besides the standard output
+    /// File for the page, besides the standard output
     #[arg(long)]
     out: Option<PathBuf>,
 }
@@ -66,6 +66,12 @@ impl Observer for Clock {
     }
 }
 
+const PAGE: &str = "# Piles among scenery\n\n\
+    Written by `cargo run --release --example place -- --out tests/studies/place/results.md`, with `--accuracy` and\n\
+    `--method` where one of each is asked for. What to conclude: whether bodies cut scenery, judged by their visible\n\
+    meshes; how full the room is; and what scenery costs. *The void* is the same shape without scenery: its container\n\
+    gives way a little, which walls of scenery do not, so that a small bin or jar holds less. The last line counts what\n\
+    is out of order.\n";
 const HEADER: &str = "| # | scene | method, accuracy, seed | bodies | cut / deepest | lost | fill of the room / void | \
  kept / void | IoU | CPU s / void |\n|---|---|---|---|---|---|---|---|---|---|";
 const METHODS: [FillMethod; 3] = [FillMethod::Insert, FillMethod::Stack, FillMethod::Pour];
@@ -103,6 +109,9 @@ fn main() -> anyhow::Result<()> {
         Some(_) => bail!("no such method"),
     };
     let mut file = arguments.out.as_ref().map(std::fs::File::create).transpose()?;
+    if let Some(file) = &mut file {
+        writeln!(file, "{PAGE}")?;
+    }
     let mut write = |line: &str| -> anyhow::Result<()> {
         println!("{line}");
         if let Some(file) = &mut file {

@@ -5,6 +5,7 @@
 
 use crate::geometry::SINGLE_ROUNDING;
 use crate::geometry::hull::convex_hull;
+use glam::Quat;
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
 use rapier3d::parry::mass_properties::MassProperties;
@@ -56,6 +57,32 @@ fn outermost(lanes: &[Lanes], direction: Vector) -> usize {
         if is_later { b } else { a }
     };
     number((1..LANES).fold(0, first))
+}
+
+/// The box around points at a pose, to the last bit as the geometry library has it.
+fn aabb(lanes: &[Lanes], position: &Pose) -> Aabb {
+    let Quat { x: a, y: b, z: c, w } = position.rotation;
+    let (straight, twice) = (w * w - (a * a + b * b + c * c), w * 2.0);
+    let mut low = [[f32::INFINITY; LANES]; 3];
+    let mut high = [[f32::NEG_INFINITY; LANES]; 3];
+    for [x, y, z] in lanes {
+        for k in 0..LANES {
+            let (x, y, z) = (x[k], y[k], z[k]);
+            let along = (x * a + y * b + z * c) * 2.0;
+            let turned = [
+                x * straight + a * along + (b * z - c * y) * twice,
+                y * straight + b * along + (c * x - a * z) * twice,
+                z * straight + c * along + (a * y - b * x) * twice,
+            ];
+            for axis in 0..3 {
+                low[axis][k] = low[axis][k].min(turned[axis]);
+                high[axis][k] = high[axis][k].max(turned[axis]);
+            }
+        }
+    }
+    let least = low.map(|lane| lane.into_iter().fold(f32::INFINITY, f32::min));
+    let most = high.map(|lane| lane.into_iter().fold(f32::NEG_INFINITY, f32::max));
+    Aabb::new(Vector::from(least) + position.translation, Vector::from(most) + position.translation)
 }
 
 /// A convex polygon of the surface.
@@ -251,7 +278,7 @@ impl Shape for Hull {
     }
 
     fn compute_aabb(&self, position: &Pose) -> Aabb {
-        self.solid.compute_aabb(position)
+        aabb(&self.lanes, position)
     }
 
     fn clone_dyn(&self) -> Box<dyn Shape> {
@@ -353,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outermost_point_is_the_engines() {
+    fn outermost_points_and_boxes_are_the_engines() {
         let turn = |k: u32| f32::sin_cos(k as f32 * 0.37);
         for count in [4, 7, 8, 9, 40] {
             let points: Vec<Vector> =
@@ -362,6 +389,9 @@ mod tests {
             for k in 0..200 {
                 let direction = Vector::new(turn(11 * k).0, turn(5 * k).1, turn(2 * k).0);
                 assert_eq!(hull.local_support_point(direction), hull.solid.local_support_point(direction));
+                let place = Pose { rotation: Quat::from_scaled_axis(direction * 3.0), translation: direction * 7.0 };
+                let (own, theirs) = (hull.compute_aabb(&place), hull.solid.compute_aabb(&place));
+                assert_eq!((own.mins, own.maxs), (theirs.mins, theirs.maxs));
             }
         }
     }
