@@ -81,6 +81,9 @@ impl Surface {
         let (own, theirs) = (self.tree.triangles(), other.tree.triangles());
         self.tree.visit_pairs(&other.tree, map, 0.0, |[i, j], reach| {
             let placed = theirs[j as usize].map(|p| map.transform_point3(p));
+            if boxes_apart(&own[i as usize], &placed) > 0.0 {
+                return ControlFlow::Continue(reach);
+            }
             let points = crossing(&own[i as usize], &placed);
             if points.is_empty() {
                 return ControlFlow::Continue(reach);
@@ -97,6 +100,9 @@ impl Surface {
         let mut nearest = None;
         self.tree.visit_pairs(&other.tree, map, limit, |[i, j], reach| {
             let placed = theirs[j as usize].map(|p| map.transform_point3(p));
+            if boxes_apart(&own[i as usize], &placed) > reach * reach {
+                return ControlFlow::Continue(reach);
+            }
             let found = triangle_distance(&own[i as usize], &placed);
             if found < reach {
                 nearest = Some(found);
@@ -315,6 +321,13 @@ fn passes_through(p: DVec3, q: DVec3, [a, b, c]: &[DVec3; 3]) -> Option<bool> {
     let around = [side(*b, &[p, q, *a]), side(*c, &[p, q, *b]), side(*a, &[p, q, *c])];
     let hits = around.iter().all(|&s| s >= 0.0) || around.iter().all(|&s| s <= 0.0);
     hits.then(|| around.iter().all(|&s| s != 0.0))
+}
+
+/// Square of the distance between the boxes around two triangles.
+fn boxes_apart(t: &[DVec3; 3], u: &[DVec3; 3]) -> f64 {
+    let low = |[a, b, c]: &[DVec3; 3]| a.min(*b).min(*c);
+    let high = |[a, b, c]: &[DVec3; 3]| a.max(*b).max(*c);
+    (low(t) - high(u)).max(low(u) - high(t)).max(DVec3::ZERO).length_squared()
 }
 
 fn triangle_distance(t: &[DVec3; 3], u: &[DVec3; 3]) -> f64 {

@@ -1,7 +1,7 @@
 //! The release without glue: what stands by itself is not glued.
 
 use super::policy::SAGS;
-use super::trial::{Ends, TrialResult, Trials};
+use super::trial::{Ends, TrialResult, Trials, standing};
 use crate::error::Error;
 use crate::geometry::contact::REAL_CONTACT;
 use crate::geometry::topology::DisjointSets;
@@ -21,18 +21,16 @@ impl Natural {
     /// `all`: the trial runs to its end, also where the pile falls.
     pub fn run(world: &World, trials: &mut Trials, all: bool, observer: &mut dyn Observer) -> Result<Natural, Error> {
         let heaps = heaps(world);
-        let present: BTreeSet<BodyId> = world.present().map(|id| heaps[id]).collect();
         // Where one heap falls, others may stand.
-        let ends = if all || present.len() > 1 { Ends::Late } else { Ends::Soon };
+        let ends = if all { Ends::Late } else { Ends::WithHeaps(&heaps) };
         Ok(Natural { trial: trials.run(&[], &[], DVec3::NEG_Y, ends, observer)?, heaps })
     }
 
     /// Bodies of the heaps in which none has moved.
     pub fn standing(&self, world: &World) -> BTreeSet<BodyId> {
         let Some(poses) = &self.trial.poses else { return BTreeSet::new() };
-        let has_moved = |&id: &BodyId| poses[id].is_none() || self.trial.ways.get(id).is_some_and(|way| *way > SAGS);
-        let falling: BTreeSet<BodyId> = world.present().filter(has_moved).map(|id| self.heaps[id]).collect();
-        world.present().filter(|&id| !falling.contains(&self.heaps[id])).collect()
+        let has_moved = |id: BodyId| poses[id].is_none() || self.trial.ways.get(id).is_some_and(|way| *way > SAGS);
+        standing(&self.heaps, &world.present().collect::<Vec<_>>(), has_moved)
     }
 }
 

@@ -56,11 +56,32 @@ pub type Poses = Option<Vec<Option<Pose>>>;
 
 /// When a trial ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ends {
+pub enum Ends<'h> {
     /// Once the pile surely falls, or surely stands.
     Soon,
+    /// Once the pile surely stands, or surely falls with nearly all bodies of its heaps. The heap of each body.
+    WithHeaps(&'h [BodyId]),
     /// Once the pile surely stands.
     Late,
+}
+
+impl Ends<'_> {
+    /// Whether the trial of a pile that surely falls ends. `present`: of its bodies. `ways`: their displacements.
+    fn is_over(self, present: &[BodyId], ways: &[f64]) -> bool {
+        match self {
+            Ends::Soon => true,
+            Ends::WithHeaps(heaps) => {
+                standing(heaps, present, |id| ways[id] > SAGS).len() as f64 <= MOST_MOVED * present.len() as f64
+            }
+            Ends::Late => false,
+        }
+    }
+}
+
+/// Bodies of the heaps in which none has moved.
+pub fn standing(heaps: &[BodyId], present: &[BodyId], has_moved: impl Fn(BodyId) -> bool) -> BTreeSet<BodyId> {
+    let falling: BTreeSet<BodyId> = present.iter().filter(|&&id| has_moved(id)).map(|&id| heaps[id]).collect();
+    present.iter().copied().filter(|&id| !falling.contains(&heaps[id])).collect()
 }
 
 /// Runs trials, and counts their cost.
@@ -156,6 +177,7 @@ pub fn release_trial(
     policy.leave_to_physics(&mut world);
     world.set_gravity(down);
     let before = poses(&world);
+    let present: Vec<BodyId> = world.present().collect();
     let steps = (TRIAL_TIME / world.step_length()).ceil() as u64;
     let (mut failing, mut standing, mut latest) = (0, 0, before.clone());
     for step in 1..=steps {
@@ -169,7 +191,7 @@ pub fn release_trial(
                 return Ok(trial);
             }
             failing += u64::from(trial.moved > MOST_MOVED || trial.displacement > SURELY * SAGS);
-            if failing > 1 && ends == Ends::Soon {
+            if failing > 1 && ends.is_over(&present, &trial.ways) {
                 return Ok(trial);
             }
             let looks_left = (steps - step) as f64 / LOOK as f64;

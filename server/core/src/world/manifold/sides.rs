@@ -10,6 +10,9 @@ use crate::prepare::shape::Hull;
 use rapier3d::parry::shape::{PackedFeatureId, PolygonalFeature, Shape};
 use rapier3d::prelude::*;
 
+/// What is farther beside a side than this, engine units, is not above one of its facets.
+const RIM: f32 = 1e-4;
+
 /// Facets steeper than this, cosine, take no part: a shape that touches one touches its edges as well.
 const STEEP: f32 = 0.1;
 
@@ -135,6 +138,14 @@ impl<'a> ContactSide<'a> {
     fn bounds(&self) -> (Vec2, Vec2) {
         let ends = self.parts.edges.iter().flat_map(|e| [e.from.truncate(), (e.from + e.along).truncate()]);
         ends.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    }
+
+    /// The box around its facets, across the normal, up to rounding.
+    fn facet_bounds(&self) -> (Vec2, Vec2) {
+        let corners = self.parts.facets.iter().flat_map(|&number| self.facet(number).0);
+        let ends = corners.map(|&i| self.parts.seen[i as usize].truncate());
+        let (low, high) = ends.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+        (low - RIM, high + RIM)
     }
 
     /// The point of the side over or under `p`, if there is one, and its facet.
@@ -271,12 +282,17 @@ pub(super) fn corners<'a>(
             all.push(candidate);
         }
     };
-    for (p, name) in first.corners(reach) {
+    let is_in = |(low, high): (Vec2, Vec2), p: &Vector| {
+        let p = p.truncate();
+        p.cmpge(low).all() && p.cmple(high).all()
+    };
+    let (of_first, of_second) = (first.facet_bounds(), second.facet_bounds());
+    for (p, name) in first.corners(reach).filter(|(p, _)| is_in(of_second, p)) {
         if let Some((q, facet)) = second.opposite(p) {
             add([p, q], [name, facet]);
         }
     }
-    for (q, name) in second.corners(reach) {
+    for (q, name) in second.corners(reach).filter(|(q, _)| is_in(of_first, q)) {
         if let Some((p, facet)) = first.opposite(q) {
             add([p, q], [facet, name]);
         }
