@@ -74,7 +74,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
             placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
         let dots: Vec<_> = placed.joints.iter().map(|j| sites.joint(j.site, j.force, j.moment, 0.0, 1.0)).collect();
         let (world, policy) = (sim.pile.world.clone(), sim.pile.policy.clone());
-        let freed = release_trial(world, policy, &dots, &loose, DVec3::NEG_Y, Ends::Late, &mut |_| Ok(()))?;
+        let freed = release_trial(world, policy, &dots, &loose, DVec3::NEG_Y, Ends::Late, 0.0, &mut |_| Ok(()))?;
         let poses = freed.poses.context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",

@@ -58,6 +58,8 @@ impl<'p, 'a> Search<'p, 'a> {
             let mut attempt = self.attempt(number, observer)?;
             is_last |= number + 1 == ATTEMPTS;
             let joints = self.joints(&attempt);
+            // A lean matters where something can still be done against it.
+            self.trials.most_displacement = if self.anchors && !attempt.anchors_all { LEANS } else { SAGS };
             let ends = if is_last { Ends::Late } else { Ends::Soon };
             let engine = self.trials.engine;
             let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, ends, observer)?;
@@ -283,6 +285,9 @@ impl<'p, 'a> Search<'p, 'a> {
             if trial.displacement < attempt.displacement {
                 kept.clone_from(&attempt.more);
                 attempt.stood(trial);
+                if attempt.stands() {
+                    break;
+                }
             }
         }
         attempt.more = kept;

@@ -1,6 +1,6 @@
 //! A trial: the glued pile is released without control, and its motion is measured.
 
-use super::policy::{LEANS, LOOK, MOST_MOVED, MOVED, SAGS, STILL, STILL_LOOKS, SURELY, TRIAL_TIME};
+use super::policy::{FADES, LEANS, LOOK, MOST_MOVED, MOVED, SAGS, STILL, STILL_LOOKS, SURELY, TRIAL_TIME};
 use crate::error::Error;
 use crate::geometry::RESOLUTION;
 use crate::geometry::pose::Pose;
@@ -92,6 +92,8 @@ pub struct Trials<'p, 'a> {
     any_engine: Option<World>,
     bodies: usize,
     pub engine: ProofEngine,
+    /// A pile whose bodies move by more than this in the mean is not settled by a forecast, d.
+    pub most_displacement: f64,
     /// Progress when a trial begins, and at the end of the attempt: each trial takes half of the rest.
     pub begin: f64,
     pub end: f64,
@@ -103,7 +105,18 @@ pub struct Trials<'p, 'a> {
 impl<'p, 'a> Trials<'p, 'a> {
     pub fn new(pile: &'p Pile<'a>, engine: ProofEngine) -> Trials<'p, 'a> {
         let bodies = pile.world.present().count();
-        Trials { pile, any_engine: None, bodies, engine, begin: 0.0, end: 0.0, steps: 0, seconds: 0.0 }
+        let most_displacement = LEANS.min(SAGS);
+        Trials {
+            pile,
+            any_engine: None,
+            bodies,
+            engine,
+            most_displacement,
+            begin: 0.0,
+            end: 0.0,
+            steps: 0,
+            seconds: 0.0,
+        }
     }
 
     pub fn progress(&self, part: f64) -> Progress {
@@ -153,7 +166,8 @@ impl<'p, 'a> Trials<'p, 'a> {
             ProofEngine::Any => self.as_any_engine().clone(),
         };
         let mut report = |part: f64| observe(observer, &self.progress(part));
-        let trial = release_trial(world, self.pile.policy.clone(), joints, absent, down, ends, &mut report)?;
+        let (policy, most) = (self.pile.policy.clone(), self.most_displacement);
+        let trial = release_trial(world, policy, joints, absent, down, ends, most, &mut report)?;
         self.begin = self.progress(1.0).fraction;
         self.steps += trial.steps;
         self.seconds += observer.cpu_seconds() - clock;
@@ -162,7 +176,7 @@ impl<'p, 'a> Trials<'p, 'a> {
 }
 
 /// Releases a pile with these joints for [`TRIAL_TIME`] at most, awake, without control and without the `absent`
-/// bodies.
+/// bodies. `most_displacement`: of the bodies in the mean, for a forecast that they stand, d.
 pub fn release_trial(
     mut world: World,
     mut policy: Policy,
@@ -170,6 +184,7 @@ pub fn release_trial(
     absent: &[BodyId],
     down: DVec3,
     ends: Ends,
+    most_displacement: f64,
     report: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<TrialResult, Error> {
     let _glue = PileGlue::new(joints.to_vec(), false, &mut world, &mut policy);
@@ -180,6 +195,7 @@ pub fn release_trial(
     let present: Vec<BodyId> = world.present().collect();
     let steps = (TRIAL_TIME / world.step_length()).ceil() as u64;
     let (mut failing, mut standing, mut latest) = (0, 0, before.clone());
+    let mut fading = Fading::default();
     for step in 1..=steps {
         world.step();
         if step % LOOK == 0 || step == steps {
@@ -194,9 +210,9 @@ pub fn release_trial(
             if failing > 1 && ends.is_over(&present, &trial.ways) {
                 return Ok(trial);
             }
-            let looks_left = (steps - step) as f64 / LOOK as f64;
+            let looks_left = fading.looks(mean_way(&latest, &now)).min((steps - step) as f64 / LOOK as f64);
             let ahead = look(&before, &ahead(&latest, &now, looks_left), step);
-            let is_to_stand = ahead.moved <= MOST_MOVED && ahead.displacement <= SAGS.min(LEANS);
+            let is_to_stand = ahead.moved <= MOST_MOVED && ahead.displacement <= most_displacement;
             standing = if is_to_stand || farthest(&latest, &now) * looks_left < STILL { standing + 1 } else { 0 };
             latest = now;
             if standing == STILL_LOOKS {
@@ -208,10 +224,39 @@ pub fn release_trial(
     Ok(TrialResult { poses: Some(before), ..TrialResult::default() })
 }
 
+/// How motion fades from look to look.
+#[derive(Default)]
+struct Fading {
+    /// Mean way of the bodies between the two latest looks, d.
+    pace: Option<f64>,
+    /// Its ratio to the one before.
+    ratio: Option<f64>,
+}
+
+impl Fading {
+    /// At the latest pace, how many looks take the bodies as far as they will get, and [`FADES`] times as far, if the
+    /// pace goes on falling as it has over the latest three looks.
+    fn looks(&mut self, pace: f64) -> f64 {
+        let ratio =
+            self.pace.replace(pace).map_or(f64::INFINITY, |before| if before > 0.0 { pace / before } else { 1.0 });
+        let worst = self.ratio.replace(ratio).map_or(f64::INFINITY, |before| before.max(ratio));
+        if worst < 1.0 { FADES * worst / (1.0 - worst) } else { f64::INFINITY }
+    }
+}
+
+/// Mean way of the bodies between two looks, d.
+fn mean_way(latest: &[Option<Pose>], now: &[Option<Pose>]) -> f64 {
+    let ways: Vec<f64> = pairs(latest, now).map(|(latest, now)| latest.translation.distance(now.translation)).collect();
+    ways.iter().sum::<f64>() / ways.len().max(1) as f64
+}
+
+fn pairs<'a>(latest: &'a [Option<Pose>], now: &'a [Option<Pose>]) -> impl Iterator<Item = (Pose, Pose)> + 'a {
+    latest.iter().zip(now).filter_map(|(&latest, &now)| latest.zip(now))
+}
+
 /// Farthest way of a body between two looks, d.
 fn farthest(latest: &[Option<Pose>], now: &[Option<Pose>]) -> f64 {
-    let pairs = latest.iter().zip(now).filter_map(|(&latest, &now)| latest.zip(now));
-    pairs.map(|(latest, now)| latest.translation.distance(now.translation)).fold(0.0, f64::max)
+    pairs(latest, now).map(|(latest, now)| latest.translation.distance(now.translation)).fold(0.0, f64::max)
 }
 
 /// Where the bodies will be after so many looks, at the pace of the latest one.
