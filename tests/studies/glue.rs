@@ -12,7 +12,7 @@ use cairn_core::geometry::pose::Pose;
 use cairn_core::measure::{Instances, ShapeMeasurer, kept_shape};
 use cairn_core::sim::instance::Instance;
 use cairn_core::sim::pile::Pile;
-use cairn_core::stages::glue::{Ends, Sites, release_trial};
+use cairn_core::stages::glue::{Ends, Sites, Watch, release_trial};
 use cairn_core::world::BodyId;
 use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, interior_point};
 use clap::Parser;
@@ -74,7 +74,8 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
             placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
         let dots: Vec<_> = placed.joints.iter().map(|j| sites.joint(j.site, j.force, j.moment, 0.0, 1.0)).collect();
         let (world, policy) = (sim.pile.world.clone(), sim.pile.policy.clone());
-        let freed = release_trial(world, policy, &dots, &loose, DVec3::NEG_Y, Ends::Late, 0.0, &mut |_| Ok(()))?;
+        let watch = Watch { ends: Ends::Late, most_displacement: 0.0 };
+        let freed = release_trial(world, policy, &dots, &loose, DVec3::NEG_Y, watch, &mut |_| Ok(()))?;
         let poses = freed.poses.context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",

@@ -3,9 +3,9 @@
 //! The engine's own merges faces whose normals differ by up to a degree and a half, and forgets the corners between
 //! them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
 
+use super::lanes::{Lanes, aabb, lanes, outermost};
 use crate::geometry::SINGLE_ROUNDING;
 use crate::geometry::hull::convex_hull;
-use glam::Quat;
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
 use rapier3d::parry::mass_properties::MassProperties;
@@ -25,64 +25,6 @@ pub struct Hull {
     lanes: Arc<[Lanes]>,
     facets: Arc<[Facet]>,
     edges: Arc<[HullEdge]>,
-}
-
-/// Some points side by side: their coordinates along each axis. The last of several is filled up with its last point.
-type Lanes = [[f32; LANES]; 3];
-/// Points that are compared in one go.
-const LANES: usize = 8;
-
-fn lanes(points: &[Vector]) -> Arc<[Lanes]> {
-    let of = |chunk: &[Vector]| {
-        let at = |k: usize| chunk[k.min(chunk.len() - 1)];
-        [std::array::from_fn(|k| at(k).x), std::array::from_fn(|k| at(k).y), std::array::from_fn(|k| at(k).z)]
-    };
-    points.chunks(LANES).map(of).collect()
-}
-
-/// The number of the first point that is outermost in a direction.
-fn outermost(lanes: &[Lanes], direction: Vector) -> usize {
-    let (mut best, mut chunk) = ([f32::NEG_INFINITY; LANES], [0u32; LANES]);
-    for (number, [x, y, z]) in lanes.iter().enumerate() {
-        for k in 0..LANES {
-            let height = x[k] * direction.x + y[k] * direction.y + z[k] * direction.z;
-            let is_higher = height > best[k];
-            best[k] = if is_higher { height } else { best[k] };
-            chunk[k] = if is_higher { number as u32 } else { chunk[k] };
-        }
-    }
-    let number = |k: usize| chunk[k] as usize * LANES + k;
-    let first = |a: usize, b: usize| {
-        let is_later = best[b] > best[a] || best[b] == best[a] && number(b) < number(a);
-        if is_later { b } else { a }
-    };
-    number((1..LANES).fold(0, first))
-}
-
-/// The box around points at a pose, to the last bit as the geometry library has it.
-fn aabb(lanes: &[Lanes], position: &Pose) -> Aabb {
-    let Quat { x: a, y: b, z: c, w } = position.rotation;
-    let (straight, twice) = (w * w - (a * a + b * b + c * c), w * 2.0);
-    let mut low = [[f32::INFINITY; LANES]; 3];
-    let mut high = [[f32::NEG_INFINITY; LANES]; 3];
-    for [x, y, z] in lanes {
-        for k in 0..LANES {
-            let (x, y, z) = (x[k], y[k], z[k]);
-            let along = (x * a + y * b + z * c) * 2.0;
-            let turned = [
-                x * straight + a * along + (b * z - c * y) * twice,
-                y * straight + b * along + (c * x - a * z) * twice,
-                z * straight + c * along + (a * y - b * x) * twice,
-            ];
-            for axis in 0..3 {
-                low[axis][k] = low[axis][k].min(turned[axis]);
-                high[axis][k] = high[axis][k].max(turned[axis]);
-            }
-        }
-    }
-    let least = low.map(|lane| lane.into_iter().fold(f32::INFINITY, f32::min));
-    let most = high.map(|lane| lane.into_iter().fold(f32::NEG_INFINITY, f32::max));
-    Aabb::new(Vector::from(least) + position.translation, Vector::from(most) + position.translation)
 }
 
 /// A convex polygon of the surface.
@@ -328,6 +270,7 @@ impl Shape for Hull {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::Quat;
 
     /// A plate whose top is a ridge along z, this high.
     fn roof(ridge: f32) -> Hull {
@@ -389,7 +332,7 @@ mod tests {
             for k in 0..200 {
                 let direction = Vector::new(turn(11 * k).0, turn(5 * k).1, turn(2 * k).0);
                 assert_eq!(hull.local_support_point(direction), hull.solid.local_support_point(direction));
-                let place = Pose { rotation: Quat::from_scaled_axis(direction * 3.0), translation: direction * 7.0 };
+                let place = Pose::from_parts(direction * 7.0, Quat::from_scaled_axis(direction * 3.0));
                 let (own, theirs) = (hull.compute_aabb(&place), hull.solid.compute_aabb(&place));
                 assert_eq!((own.mins, own.maxs), (theirs.mins, theirs.maxs));
             }

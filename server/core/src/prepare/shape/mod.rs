@@ -10,6 +10,7 @@ mod enclose;
 mod fit;
 mod hull;
 mod kind;
+mod lanes;
 mod mass;
 mod nest;
 mod outer;

@@ -14,7 +14,7 @@ mod trial;
 
 pub use policy::MOST_MOVED;
 pub use sites::Sites;
-pub use trial::{Ends, TrialResult, release_trial};
+pub use trial::{Ends, TrialResult, Watch, release_trial};
 
 use crate::error::Error;
 use crate::geometry::interior::DistanceGrid;

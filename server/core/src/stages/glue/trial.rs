@@ -65,6 +65,14 @@ pub enum Ends<'h> {
     Late,
 }
 
+/// How a trial is watched.
+#[derive(Clone, Copy, Debug)]
+pub struct Watch<'h> {
+    pub ends: Ends<'h>,
+    /// Of the bodies in the mean, up to which a forecast shows that the pile stands, d.
+    pub most_displacement: f64,
+}
+
 impl Ends<'_> {
     /// Whether the trial of a pile that surely falls ends. `present`: of its bodies. `ways`: their displacements.
     fn is_over(self, present: &[BodyId], ways: &[f64]) -> bool {
@@ -92,7 +100,7 @@ pub struct Trials<'p, 'a> {
     any_engine: Option<World>,
     bodies: usize,
     pub engine: ProofEngine,
-    /// A pile whose bodies move by more than this in the mean is not settled by a forecast, d.
+    /// As in [`Watch`].
     pub most_displacement: f64,
     /// Progress when a trial begins, and at the end of the attempt: each trial takes half of the rest.
     pub begin: f64,
@@ -166,8 +174,8 @@ impl<'p, 'a> Trials<'p, 'a> {
             ProofEngine::Any => self.as_any_engine().clone(),
         };
         let mut report = |part: f64| observe(observer, &self.progress(part));
-        let (policy, most) = (self.pile.policy.clone(), self.most_displacement);
-        let trial = release_trial(world, policy, joints, absent, down, ends, most, &mut report)?;
+        let watch = Watch { ends, most_displacement: self.most_displacement };
+        let trial = release_trial(world, self.pile.policy.clone(), joints, absent, down, watch, &mut report)?;
         self.begin = self.progress(1.0).fraction;
         self.steps += trial.steps;
         self.seconds += observer.cpu_seconds() - clock;
@@ -176,15 +184,14 @@ impl<'p, 'a> Trials<'p, 'a> {
 }
 
 /// Releases a pile with these joints for [`TRIAL_TIME`] at most, awake, without control and without the `absent`
-/// bodies. `most_displacement`: of the bodies in the mean, for a forecast that they stand, d.
+/// bodies.
 pub fn release_trial(
     mut world: World,
     mut policy: Policy,
     joints: &[Joint],
     absent: &[BodyId],
     down: DVec3,
-    ends: Ends,
-    most_displacement: f64,
+    watch: Watch,
     report: &mut dyn FnMut(f64) -> Result<(), Error>,
 ) -> Result<TrialResult, Error> {
     let _glue = PileGlue::new(joints.to_vec(), false, &mut world, &mut policy);
@@ -207,12 +214,12 @@ pub fn release_trial(
                 return Ok(trial);
             }
             failing += u64::from(trial.moved > MOST_MOVED || trial.displacement > SURELY * SAGS);
-            if failing > 1 && ends.is_over(&present, &trial.ways) {
+            if failing > 1 && watch.ends.is_over(&present, &trial.ways) {
                 return Ok(trial);
             }
             let looks_left = fading.looks(mean_way(&latest, &now)).min((steps - step) as f64 / LOOK as f64);
             let ahead = look(&before, &ahead(&latest, &now, looks_left), step);
-            let is_to_stand = ahead.moved <= MOST_MOVED && ahead.displacement <= most_displacement;
+            let is_to_stand = ahead.moved <= MOST_MOVED && ahead.displacement <= watch.most_displacement;
             standing = if is_to_stand || farthest(&latest, &now) * looks_left < STILL { standing + 1 } else { 0 };
             latest = now;
             if standing == STILL_LOOKS {
