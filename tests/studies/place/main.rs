@@ -68,10 +68,10 @@ impl Observer for Clock {
 
 const PAGE: &str = "# Piles among scenery\n\n\
     Written by `cargo run --release --example place -- --out tests/studies/place/results.md`, with `--accuracy` and\n\
-    `--method` where one of each is asked for. What to conclude: whether bodies cut scenery, judged by their\n\
-    visible meshes; how full the room is; and what scenery costs. *The void* is the same shape without scenery: its\n\
-    container gives way a little, which walls of scenery do not, so that a small bin or jar holds less. The last line\n\
-    counts what is out of order.\n";
+    `--method` where one of each is asked for. What to conclude: whether bodies cut scenery, judged by their visible \
+    meshes;\nhow full the room is; and what scenery costs. *The void* is the same shape without scenery: its container \
+    gives way a\nlittle, which walls of scenery do not, so that a small bin or jar holds less. The last line counts what \
+    is out of order.\n";
 const HEADER: &str = "| # | scene | method, accuracy, seed | bodies | cut / deepest | lost | fill of the room / void | \
  kept / void | IoU | CPU s / void |\n|---|---|---|---|---|---|---|---|---|---|";
 const METHODS: [FillMethod; 3] = [FillMethod::Insert, FillMethod::Stack, FillMethod::Pour];
@@ -170,8 +170,8 @@ fn main() -> anyhow::Result<()> {
         }
     }
     write(&format!(
-        "\n{all} bakes: {cut} bodies cut scenery, {lost} lost, {poor} fill less than 0.9 of the void, {slow} took more \
-         than 1.3 times the CPU time, {failed} failed"
+        "\n{all} bakes: {cut} bodies cut scenery, {lost} lost, {poor} fill less than 0.9 of the void, {slow} took over \
+         1.3 times the CPU time, {failed} failed"
     ))
 }
 
