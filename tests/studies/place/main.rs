@@ -70,8 +70,8 @@ const PAGE: &str = "# Piles among scenery\n\n\
     Written by `cargo run --release --example place -- --out tests/studies/place/results.md`, with `--accuracy` and\n\
     `--method` where one of each is asked for. What to conclude: whether bodies cut scenery, judged by their visible \
     meshes;\nhow full the room is; and what scenery costs. *The void* is the same shape without scenery: its container \
-    gives way a\nlittle, which walls of scenery do not, so that a small bin or jar holds less. The last line counts what \
-    is out of order.\n";
+    gives way a\nlittle, which walls of scenery do not, so that a small bin or jar holds less. The last line counts \
+    what is out of order.\n";
 const HEADER: &str = "| # | scene | method, accuracy, seed | bodies | cut / deepest | lost | fill of the room / void | \
  kept / void | IoU | CPU s / void |\n|---|---|---|---|---|---|---|---|---|---|";
 const METHODS: [FillMethod; 3] = [FillMethod::Insert, FillMethod::Stack, FillMethod::Pour];
