@@ -39,6 +39,7 @@ fn error(name: &str) -> std::io::Error {
     std::io::Error::from_raw_os_error(match name {
         "ENOENT" => 2,
         "EIO" => 5,
+        "EAGAIN" => 11,
         "ENOMEM" => 12,
         "EACCES" => 13,
         "EMFILE" => 24,

@@ -171,6 +171,16 @@ fn a_process_that_cannot_be_started() {
     desk.line(&line).ok();
 }
 
+/// Under a limit of memory or processes, threads may not start: the scene is not at fault.
+#[test]
+fn threads_that_cannot_be_started() {
+    let desk = Desk::new();
+    let before = desk.files();
+    let line = format!("bake {SCENE} -o pile.json -q");
+    with_faults(&desk, "threads-start=return(EAGAIN)", &line).fails(75, &["no thread could be started"]);
+    assert_eq!(desk.files(), before);
+}
+
 /// A killed command leaves no incomplete result, and the next one removes its temporary files.
 #[cfg(unix)]
 #[test]

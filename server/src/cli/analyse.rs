@@ -1,6 +1,6 @@
 //! `cairn analyse`: what holds what in a pile that stands.
 
-use super::bounds::Bounds;
+use super::bounds::{self, Bounds};
 use super::remote::{self, ConnectionArgs};
 use super::{Failure, analysis_summary, interrupt, output, print, print_note};
 use crate::files::{Disk, FileSource};
@@ -163,7 +163,7 @@ fn analyse(args: &Args) -> Result<(), Failure> {
     if !has(&args.picture, "png") {
         return Err(Failure::usage("--picture", "not the name of a picture", "Use the extension .png."));
     }
-    machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
+    bounds::use_threads(0)?;
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
     let file = InputFile::read(&args.pile, &disk).map_err(Failure::input)?;
     let selection = Selection {

@@ -1,6 +1,6 @@
 //! `cairn bake`: bakes a scene.
 
-use super::bounds::Bounds;
+use super::bounds::{self, Bounds};
 use super::cache_args::CacheArgs;
 use super::goal::{self, GoalArgs, Outcome};
 use super::progress::{self, Mode, ProgressArgs, Reporter};
@@ -9,7 +9,7 @@ use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, print_error, print_note, print_warning, summary};
 use crate::files;
 use crate::job::goal::OVERLAP;
-use crate::job::{FinishedBake, Job, JobError, machine};
+use crate::job::{FinishedBake, Job, JobError};
 use crate::model::export::{self, Encoded, Format};
 use crate::problem::Problem;
 use crate::scene_file::SceneTree;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return bake_there(args, &tree, format, server);
     }
     args.bounds.enforce(|| {
-        machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
+        bounds::use_threads(args.threads)?;
         goal::keep(&tree, |tree| bake(args, tree, format))
     })
 }

@@ -104,6 +104,15 @@ fn run_limited() -> std::io::Result<ExitStatus> {
     }
 }
 
+/// Starts as many threads; 0: one per processor.
+pub fn use_threads(count: usize) -> Result<(), Failure> {
+    let started = failpoints::at("threads-start").map_err(|error| error.to_string());
+    started.and_then(|()| machine::use_threads(count).map_err(|error| error.to_string())).map_err(|why| {
+        let remedy = "Let this process use more memory and start more processes, or take fewer threads.";
+        Failure::TryAgain(Problem::new("this machine", format!("no thread could be started: {why}"), remedy))
+    })
+}
+
 /// Whether a process has aborted, as it does when it gets no more memory.
 #[cfg(unix)]
 fn has_aborted(status: ExitStatus) -> bool {

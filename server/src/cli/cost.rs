@@ -1,6 +1,6 @@
 //! `cairn cost`: measures the cost of accuracy for a scene.
 
-use super::bounds::Bounds;
+use super::bounds::{self, Bounds};
 use super::progress::RunCounter;
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, print};
@@ -81,7 +81,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn study(args: &Args) -> Result<(), Failure> {
-    machine::use_threads(args.threads).map_err(|error| Failure::Internal(error.to_string()))?;
+    bounds::use_threads(args.threads)?;
     let tree = args.scene.tree()?;
     let job = Job::read_tree(&tree, args.bounds.limits())?;
     let variants = match (&args.knobs[..], args.presets_only) {

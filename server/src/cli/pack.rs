@@ -1,8 +1,8 @@
 //! `cairn pack`: a pile for games and the web.
 
-use super::{Failure, interrupt, output, print, print_warning};
+use super::{Failure, bounds, interrupt, output, print, print_warning};
 use crate::files::{Disk, FileSource, folder_of};
-use crate::job::{InputFile, machine};
+use crate::job::InputFile;
 use crate::model::export::pack::{self, MANIFEST, Manifest, PackError, PackOptions};
 use crate::model::export::{self, ExportError};
 use crate::model::render::RenderModel;
@@ -54,7 +54,7 @@ const FILES: [&str; 6] =
 pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
     check(args)?;
-    machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
+    bounds::use_threads(0)?;
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
     let file = InputFile::read(&args.pile, &disk).map_err(Failure::input)?;
     let bad = |what: String| Failure::input(Problem::new(&file.name, what, "Give a .glb that `cairn bake` wrote."));

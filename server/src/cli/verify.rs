@@ -1,12 +1,12 @@
 //! `cairn verify`: bakes results again and compares them.
 
-use super::bounds::Bounds;
+use super::bounds::{self, Bounds};
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
 use crate::files;
 use crate::job::report::versions_json;
 use crate::job::reuse::BakeCache;
-use crate::job::{FinishedBake, Job, machine, provenance};
+use crate::job::{FinishedBake, Job, provenance};
 use crate::model::export::{Encoded, Format};
 use crate::problem::Problem;
 use serde_json::json;
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn verify_all(args: &Args) -> Result<(), Failure> {
-    machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
+    bounds::use_threads(0)?;
     let mut is_same = true;
     for path in sample(&args.results, args.sample) {
         let difference = verify(args, path)?;

@@ -1,6 +1,6 @@
 //! `cairn worker`: runs one bake for a server. Servers start it; it is not for users.
 
-use super::Failure;
+use super::{Failure, bounds};
 use crate::job::machine;
 use crate::job::reuse::BakeCache;
 use crate::service::analysis;
@@ -45,13 +45,14 @@ enum WorkerCommand {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     worker::end_with_server();
+    // The threads come before the limit, under which they may not start.
+    bounds::use_threads(0)?;
     if let Some(bytes) = args.memory {
         machine::limit_memory(bytes).map_err(|error| Failure::Internal(error.to_string()))?;
     }
     if let Some(slowness) = args.slowness {
         machine::set_slowness(slowness);
     }
-    machine::use_threads(0).map_err(|error| Failure::Internal(error.to_string()))?;
     let result = match args.task {
         WorkerCommand::Plan => worker::plan(&args.folder, true),
         WorkerCommand::Accept => worker::plan(&args.folder, false),
