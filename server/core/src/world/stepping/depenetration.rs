@@ -3,25 +3,21 @@
 use crate::input::params::Physics;
 use crate::world::{BodyId, PairSide, World, bodies::stop, settings};
 use glam::DVec3;
-use rapier3d::prelude::RigidBody;
 
 /// Share of the pairs in contact that may overlap by more than the residual.
 const DEEPER: f64 = 0.05;
 /// No pair may overlap by more than this many times the residual.
 pub const DEEPEST: f64 = 8.0;
 /// After so many steps in which the overlaps did not become smaller by [`GAIN`], what is left is locked in.
-const STEPS_WITHOUT_GAIN: u64 = 8;
+const STEPS_WITHOUT_GAIN: u64 = 16;
 /// A share of the overlaps.
 const GAIN: f64 = 0.05;
-/// Share of a step's motion that the next one keeps.
-const MOMENTUM: f32 = 0.7;
 
 impl World {
     /// Moves overlapping bodies apart until 95 of 100 pairs in contact overlap by at most `residual` of the thinner
     /// one's thickness, until the overlaps become no smaller, or for as long as `going` allows after that many steps.
-    /// Bodies have no weight and no friction: only the contacts push, which makes each step a projection. Of the last
-    /// step's motion they keep a part (heavy-ball momentum; Polyak 1964), so that an overlap spreads through a tight
-    /// pile in half of the steps. Returns the steps.
+    /// Bodies have no weight and no friction, and keep no motion from one step to the next: only the contacts push,
+    /// which makes each step a projection. Returns the steps.
     pub fn depenetrate<E>(&mut self, residual: f64, mut going: impl FnMut(u64) -> Result<bool, E>) -> Result<u64, E> {
         let bodies: Vec<BodyId> = self.present().collect();
         let before = self.engine.integration_parameters;
@@ -29,11 +25,13 @@ impl World {
         settings::set_projection(&mut self.engine.integration_parameters);
         self.set_gravity(DVec3::ZERO);
         bodies.iter().for_each(|&id| self.set_slippery(id, true));
-        self.change_motion(&bodies, stop);
         self.zero_step();
         let mut steps = 0;
         let (mut least, mut least_at) = (f64::INFINITY, 0);
         let ended = loop {
+            for &id in &bodies {
+                self.engine.bodies.get_mut(self.bodies[id].carrier).into_iter().for_each(stop);
+            }
             let excess = self.excess_over(residual);
             if excess < (1.0 - GAIN) * least {
                 (least, least_at) = (excess, steps);
@@ -48,23 +46,12 @@ impl World {
             }
             self.step();
             steps += 1;
-            self.change_motion(&bodies, |rigid| {
-                rigid.set_linvel(rigid.linvel() * MOMENTUM, false);
-                rigid.set_angvel(rigid.angvel() * MOMENTUM, false);
-            });
         };
-        self.change_motion(&bodies, stop);
         let present: Vec<BodyId> = self.present().collect();
         present.into_iter().for_each(|id| self.set_slippery(id, false));
         self.engine.integration_parameters = before;
         self.set_gravity(gravity.as_dvec3());
         ended.map(|()| steps)
-    }
-
-    fn change_motion(&mut self, bodies: &[BodyId], change: impl Fn(&mut RigidBody)) {
-        for &id in bodies {
-            self.engine.bodies.get_mut(self.bodies[id].carrier).into_iter().for_each(&change);
-        }
     }
 
     /// From now on, contacts are as stiff as these.
