@@ -343,9 +343,12 @@ fn holds(closed: &TriMesh, shape: &TriMesh) -> bool {
     if !box_holds(closed.bounds(), shape.bounds()) {
         return false;
     }
-    let (around, inside) = (MeshInterior::new(closed), MeshInterior::new(shape));
-    let all_in = asked(shape).all(|p| around.contains(p));
-    all_in && asked(closed).all(|p| !inside.contains(p))
+    let around = MeshInterior::new(closed);
+    if !asked(shape).all(|p| around.contains(p)) {
+        return false;
+    }
+    let inside = MeshInterior::new(shape);
+    asked(closed).all(|p| !inside.contains(p))
 }
 
 /// Some corners of a mesh and some middles of its triangles.

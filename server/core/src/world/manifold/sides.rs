@@ -136,15 +136,13 @@ impl<'a> ContactSide<'a> {
 
     /// The box around its edges, across the normal.
     fn bounds(&self) -> (Vec2, Vec2) {
-        let ends = self.parts.edges.iter().flat_map(|e| [e.from.truncate(), (e.from + e.along).truncate()]);
-        ends.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+        box_around(self.parts.edges.iter().flat_map(|e| [e.from.truncate(), (e.from + e.along).truncate()]))
     }
 
     /// The box around its facets, across the normal, up to rounding.
     fn facet_bounds(&self) -> (Vec2, Vec2) {
         let corners = self.parts.facets.iter().flat_map(|&number| self.facet(number).0);
-        let ends = corners.map(|&i| self.parts.seen[i as usize].truncate());
-        let (low, high) = ends.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+        let (low, high) = box_around(corners.map(|&i| self.parts.seen[i as usize].truncate()));
         (low - RIM, high + RIM)
     }
 
@@ -174,6 +172,10 @@ impl<'a> ContactSide<'a> {
             inside.then(|| Vector::new(p.x, p.y, origin.z + (u.z * s + v.z * t) / whole))
         })
     }
+}
+
+fn box_around(points: impl Iterator<Item = Vec2>) -> (Vec2, Vec2) {
+    points.fold((Vec2::INFINITY, Vec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
 }
 
 impl SideParts {

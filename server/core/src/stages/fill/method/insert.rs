@@ -49,6 +49,9 @@ const LEAST_ROUND: f64 = 0.25;
 const LEAST_KEPT: f64 = 0.25;
 /// A round of fewer seeds than this does not show that the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
+/// Where every seed of a round finds a place, a draft is not full yet, unless the round adds less than this share. (The
+/// seeds of a large round take the room from each other; the next one is smaller.)
+const ROOM_BELOW: f64 = 0.05;
 
 pub struct Insert;
 
@@ -106,7 +109,8 @@ impl Method for Insert {
             // Jammed props trade places: a small round adds some and squeezes others out. So as many seeds count as a
             // full round asks for.
             let full_round = ((fill.round * expected).ceil() as usize).max(LEAST_SEEDS);
-            let least = (fill.full_below * after as f64).max(1.0);
+            let below = if seeds.len() == wanted { fill.full_below.min(ROOM_BELOW) } else { fill.full_below };
+            let least = (below * after as f64).max(1.0);
             let then = history.iter().rev().find(|(earlier, _)| earlier + full_round <= asked);
             if then.is_some_and(|&(_, then)| (after as f64) < then as f64 + least) {
                 return Ok(true);
