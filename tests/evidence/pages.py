@@ -82,13 +82,32 @@ def check(root, plain, ledger):
         faults += wrong
         stated |= names
     for name, excuses in tomllib.loads(plain.read_text())["pages"].items():
-        text = prose((root / name).read_text())
-        faults += [f"{name}: {number} has no claim: “{near}”" for number, near in unclaimed(text, excuses)]
-        faults += [f"{plain.name}: {name} no longer says “{words}”" for words in excuses if words not in text]
+        faults += of_page(name, (root / name).read_text(), excuses, plain.name)
     faults += [f"no page states the claim {name}" for name in sorted(ledger.stated - stated)]
     for fault in faults:
         print(fault)
     return 1 if faults else 0
+
+
+def of_page(name, text, excuses, source):
+    """What is wrong with a page: numbers without a claim or an excuse, and excuses that the page has no use for."""
+    faults = []
+    for heading in [words for words in excuses if words.startswith("#")]:
+        left = without_section(text, heading)
+        if left == text:
+            faults.append(f"{source}: {name} no longer has the section “{heading}”")
+        text = left
+    words = [words for words in excuses if not words.startswith("#")]
+    text = prose(text)
+    faults += [f"{name}: {number} has no claim: “{near}”" for number, near in unclaimed(text, words)]
+    return faults + [f"{source}: {name} no longer says “{one}”" for one in words if one not in text]
+
+
+def without_section(text, heading):
+    """The text without the section below this heading, down to the next heading of its level or a higher one."""
+    level = len(heading) - len(heading.lstrip("#"))
+    section = re.compile(rf"^{re.escape(heading)}$.*?(?=^#{{1,{level}}} |\Z)", re.DOTALL | re.MULTILINE)
+    return section.sub("", text)
 
 
 def prose(text):
