@@ -16,7 +16,7 @@ use cairn_core::stages::glue::{Ends, Sites, Watch, release_trial};
 use cairn_core::world::BodyId;
 use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, interior_point};
 use clap::Parser;
-use cpu_time::ThreadTime;
+use cpu_time::ProcessTime;
 use glam::DVec3;
 use rand::SeedableRng;
 use rand::seq::index;
@@ -100,11 +100,11 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     };
     let mut going = || ControlFlow::Continue(());
     print_row("none", &at(Vec::new()), 0.0)?;
-    let begin = ThreadTime::now();
+    let begin = ProcessTime::now();
     let least = glue::place(&problem, &options(None), &mut going)?;
     print_row("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
     if sites.ids.len() <= args.oracle {
-        let begin = ThreadTime::now();
+        let begin = ProcessTime::now();
         let placed = interior_point::place(&problem, &options(None), &mut going)?;
         print_row("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;
     }
@@ -113,7 +113,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     print_row("as many at random", &at(BTreeSet::from_iter(chance).into_iter().collect()), 0.0)?;
     print_row("every touch", &at((0..problem.sites.len()).collect()), 0.0)?;
     for &strength in &args.strength {
-        let begin = ThreadTime::now();
+        let begin = ProcessTime::now();
         let placed = glue::place(&problem, &options(Some(strength)), &mut going)?;
         print_row(&format!("at most {strength} weights"), &placed, begin.elapsed().as_secs_f64())?;
     }

@@ -105,9 +105,9 @@ fn guard_cost() {
     );
 }
 
-/// CPU seconds of this thread.
+/// CPU seconds of this process.
 fn cpu(work: impl FnOnce()) -> f64 {
-    let clock = cpu_time::ThreadTime::now();
+    let clock = cpu_time::ProcessTime::now();
     work();
     clock.elapsed().as_secs_f64()
 }

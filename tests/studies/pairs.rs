@@ -25,7 +25,7 @@ use cairn_core::stages::cache::NoCache;
 use cairn_core::stages::calibrate::calibrate;
 use cairn_core::stages::free_pour::free_pour;
 use clap::Parser;
-use cpu_time::ThreadTime;
+use cpu_time::ProcessTime;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Write;
@@ -102,7 +102,7 @@ fn main() -> anyhow::Result<()> {
     let mut tally = BTreeMap::<&str, usize>::new();
     let mut poured = BTreeMap::<&str, Option<f64>>::new();
     for (i, (prop, control)) in drawn.iter().enumerate().filter(|(i, _)| only.contains(i)) {
-        let start = ThreadTime::now();
+        let start = ProcessTime::now();
         let row = catch_unwind(AssertUnwindSafe(|| {
             pair(&folder, (prop, control), machine, &arguments.strengths, &mut poured)
         }))
@@ -174,9 +174,9 @@ impl Row {
 /// CPU seconds that one bake may take.
 const BUDGET: f64 = 400.0;
 
-/// The thread's CPU time. Ends a bake when its budget is spent, or when it is clear that the size is wrong.
+/// The process's CPU time. Ends a bake when its budget is spent, or when it is clear that the size is wrong.
 struct Watch {
-    clock: ThreadTime,
+    clock: ProcessTime,
     began: f64,
     /// Whether the number of bodies matters.
     counts: bool,
@@ -186,7 +186,7 @@ struct Watch {
 
 impl Watch {
     fn new() -> Watch {
-        Watch { clock: ThreadTime::now(), began: 0.0, counts: false, stage: None, bodies: 0 }
+        Watch { clock: ProcessTime::now(), began: 0.0, counts: false, stage: None, bodies: 0 }
     }
 
     fn begin(&mut self, counts: bool) {

@@ -89,8 +89,8 @@ pub const LOOK: u64 = 12;
 /// time, or that no body gets farther than [`STILL`] in the rest of it.
 pub const STILL_LOOKS: u32 = 5;
 /// The pace falls from look to look where a pile settles, and rises where it topples. Where it falls, the bodies count
-/// as getting this many times as far as it promises. With 2, each of thirteen trials that ran on to their end came to the
-/// same share of moved bodies.
+/// as getting this many times as far as it promises. With 2, each of thirteen trials that ran on to their end came to
+/// the same share of moved bodies.
 pub const FADES: f64 = 2.0;
 /// See [`STILL_LOOKS`]; d. Far less than [`MOVED`].
 pub const STILL: f64 = 0.02;
