@@ -241,12 +241,7 @@ pub const ROWS: &[Row] = &[
         piles::rest_sticks,
         ONE,
         BOTH,
-    )
-    .missed(&[Miss {
-        engine: Cairn,
-        extent: Extent::Full,
-        why: "in three of seven piles of 609, one or two sticks rest without a chain of contacts from below",
-    }]),
+    ),
     row(
         "rest_bananas",
         "1000 nonconvex bananas (80 in the tests): the same of one seed, in 60 s (10)",
