@@ -12,7 +12,7 @@ use cairn_core::prepare::effects::Count;
 use cairn_core::prepare::shape::{Shape, Size};
 use cairn_core::report::bake::Bake;
 use cairn_core::sim::motion::Motion;
-use cairn_core::world::{Insertion, Role, Units, World};
+use cairn_core::world::{BodyId, Insertion, Role, Units, World};
 use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 
@@ -94,21 +94,30 @@ fn resistance_does_not_slow_what_falls() {
     assert!(bake.report.measures["ballistic_error_max"].unwrap() <= 0.01);
 }
 
-/// Two blocks on each other stand in the air, and are released after 1.5 s; where there is a `hit`, a third one has
-/// fallen onto the upper one just before. How many fell untouched.
-fn fall_untouched(hit: bool) -> u64 {
+/// A world with blocks that are 0.1 m wide, centred at these heights; and how more of them come in.
+fn blocks(heights: &[f64]) -> (World, impl Fn(&mut World, f64) -> BodyId) {
     let scene = scene(cone(1.0, 1.0), block(DVec3::splat(0.1)));
     let params = Params::new(Accuracy::Standard);
     let shape = Shape::new(&scene.props[0], Size::of(&scene.props[0].model.mesh), &params.physics).unwrap();
     let units = Units::new(shape.size.diameter, shape.mass, params.gravity);
     let mut world = World::new(units, &params.physics, shape.thickness() / units.length, false);
     world.add_ground(0.0, 0.7);
-    let insert = |world: &mut World, height: f64| {
-        let pose = Pose { translation: DVec3::Y * height / units.length, rotation: DQuat::IDENTITY };
+    let insert = move |world: &mut World, height: f64| {
+        let pose = Pose { translation: DVec3::Y * height / world.units.length, rotation: DQuat::IDENTITY };
         let body = Insertion { prop: 0, scale: 1.0, pose, friction: 0.7, restitution: 0.0 };
         world.insert(&shape, &body).unwrap()
     };
-    let [lower, upper] = [1.0, 1.1].map(|height| insert(&mut world, height));
+    for &height in heights {
+        insert(&mut world, height);
+    }
+    (world, insert)
+}
+
+/// Two blocks on each other stand in the air, and are released after 1.5 s; where there is a `hit`, a third one has
+/// fallen onto the upper one just before. How many fell untouched.
+fn fall_untouched(hit: bool) -> u64 {
+    let (mut world, insert) = blocks(&[1.0, 1.1]);
+    let [lower, upper] = [0, 1];
     [lower, upper].into_iter().for_each(|id| world.set_role(id, Role::Frozen));
     let mut motion = Motion::default();
     let mut step = |world: &mut World| {
@@ -117,7 +126,7 @@ fn fall_untouched(hit: bool) -> u64 {
         motion.after_step(world);
         motion.second_collapse
     };
-    let second = (1.0 / (units.time * world.step_length())).ceil() as usize;
+    let second = (1.0 / (world.units.time * world.step_length())).ceil() as usize;
     for _ in 0..second * 3 / 2 {
         assert_eq!(step(&mut world), 0);
     }
@@ -137,4 +146,26 @@ fn fall_untouched(hit: bool) -> u64 {
 fn what_falls_untouched_after_it_stood_is_counted() {
     assert_eq!(fall_untouched(false), 2);
     assert_eq!(fall_untouched(true), 0, "what stood on a body that was hit falls with it");
+}
+
+/// One block hangs below another, far apart from it; a nail at the upper one holds it, which breaks later.
+#[test]
+fn what_a_nail_holds_is_not_in_free_fall() {
+    let (mut world, _) = blocks(&[2.0, 1.5]);
+    let [upper, lower] = [0, 1];
+    world.set_role(upper, Role::Frozen);
+    world.drive_nail(upper, Some(lower), world.pose(upper).translation, DVec3::Y);
+    let mut motion = Motion::default();
+    let mut step = |world: &mut World| {
+        motion.before_step(world);
+        world.step();
+        motion.after_step(world);
+        motion.ballistic_error
+    };
+    let height = world.pose(lower).translation.y;
+    assert_eq!((0..20).map(|_| step(&mut world)).fold(0.0, f64::max), 0.0);
+    assert!(world.pose(lower).translation.y > height - 0.1, "the nail holds it");
+    world.pull_all_nails();
+    assert!((0..5).map(|_| step(&mut world)).fold(0.0, f64::max) <= 0.01, "it falls freely");
+    assert!(world.pose(lower).translation.y < height, "it falls");
 }

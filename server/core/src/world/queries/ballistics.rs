@@ -9,10 +9,13 @@ use rapier3d::prelude::ContactPair;
 const ROUNDING: f64 = 1e-3;
 
 impl World {
-    /// Velocity of the rigid body that each free body leads; `None`: it is not free, or does not lead. Shape `[body]`.
+    /// Velocity of the rigid body that each free body leads; `None`: it is not free, does not lead, or a nail holds it.
+    /// Shape `[body]`.
     pub fn free_velocities(&self) -> Vec<Option<DVec3>> {
+        let nailed = self.nailed();
+        let is_nailed = |id: BodyId| self.bodies.glued_with(id).iter().any(|&member| nailed[member]);
         let mut velocities = vec![None; self.bodies().len()];
-        for (id, body) in self.bodies.free().filter(|&(id, _)| self.bodies.leads(id)) {
+        for (id, body) in self.bodies.free().filter(|&(id, _)| self.bodies.leads(id) && !is_nailed(id)) {
             velocities[id] = Some(self.engine.bodies[body.carrier].linvel().as_dvec3());
         }
         velocities
