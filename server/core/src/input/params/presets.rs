@@ -50,8 +50,8 @@ impl Accuracy {
             glue_cost_factor: 1.0,
             glue_joints_factor: 1.0,
             shapes_like: Accuracy::Standard,
-            overlaps: [[0.011, 0.054], [0.0024, 0.0]],
-            expected_errors: [0.029, 0.04],
+            overlaps: [[0.011, 0.054], [0.0042, 0.0]],
+            expected_errors: [0.032, 0.045],
             speed_error: 0.002,
         };
         match self {
@@ -61,21 +61,21 @@ impl Accuracy {
                 measures_support: false,
                 looks_at_all: false,
                 separates: false,
-                fill_cost_factor: 0.28,
+                fill_cost_factor: 0.47,
                 // Nothing is released on trial.
                 glue_cost_factor: 0.07,
                 // Joints are chosen in fewer rounds, without a trial.
                 glue_joints_factor: 2.1,
                 shapes_like: Accuracy::Draft,
-                overlaps: [[0.031, 0.073], [0.0, 0.0]],
-                expected_errors: [0.037, 0.094],
+                overlaps: [[0.034, 0.073], [0.00037, 0.0]],
+                expected_errors: [0.044, 0.051],
                 speed_error: 0.0047,
             },
             Accuracy::Preview => AccuracyTraits {
                 measures_support: false,
-                fill_cost_factor: 0.42,
-                overlaps: [[0.022, 0.1], [0.0, 0.0]],
-                expected_errors: [0.041, 0.06],
+                fill_cost_factor: 0.5,
+                overlaps: [[0.024, 0.1], [0.0, 0.0]],
+                expected_errors: [0.046, 0.044],
                 speed_error: 0.0029,
                 ..STANDARD
             },
@@ -83,22 +83,22 @@ impl Accuracy {
             Accuracy::Standard | Accuracy::Paper => STANDARD,
             Accuracy::Fine => AccuracyTraits {
                 looks_at_all: true,
-                fill_cost_factor: 1.5,
+                fill_cost_factor: 1.35,
                 glue_cost_factor: 1.5,
                 shapes_like: Accuracy::Fine,
-                overlaps: [[0.0026, 0.0088], [0.0023, 0.0071]],
-                expected_errors: [0.028, 0.035],
+                overlaps: [[0.0026, 0.0088], [0.0027, 0.012]],
+                expected_errors: [0.026, 0.037],
                 speed_error: 0.00064,
                 ..STANDARD
             },
             Accuracy::Reference => AccuracyTraits {
                 looks_at_all: true,
                 separates: true,
-                fill_cost_factor: 3.7,
+                fill_cost_factor: 2.1,
                 glue_cost_factor: 3.0,
                 shapes_like: Accuracy::Fine,
                 overlaps: [[0.0, 0.0], [0.0, 0.0]],
-                expected_errors: [0.029, 0.021],
+                expected_errors: [0.032, 0.022],
                 speed_error: 0.0012,
                 ..STANDARD
             },
