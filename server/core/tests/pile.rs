@@ -12,7 +12,7 @@ use cairn_core::prepare::shape::hull_mesh;
 use cairn_core::report::TIMED_FIGURES;
 use cairn_core::stages::cache::NoCache;
 use cairn_core::world::Role;
-use common::{cone, scene, stick};
+use common::{block, cone, disc, scene, stick};
 use glam::DVec3;
 use std::ops::ControlFlow;
 
@@ -47,6 +47,24 @@ fn a_cone_of_sticks_keeps_its_shape_and_comes_to_rest() {
         assert!(figure("unsupported_fraction") <= 0.05);
         assert!(figure("inside_fraction") > inside, "surface {surface}: inside {}", figure("inside_fraction"));
         assert!(bake.report.counts["candidates"] > 0);
+    }
+}
+
+/// Mugs jam in a box that is fuller than full: those for which there is no room go, and few others.
+#[test]
+fn what_is_locked_in_is_taken_out() {
+    let mut mug = disc(0.05, 0.1);
+    for foot in mug.points.iter_mut().filter(|p| p.y < 0.0) {
+        *foot *= DVec3::new(0.8, 1.0, 0.8);
+    }
+    let scene = scene(block(DVec3::splat(0.42)), mug);
+    let mut params = Params::new(Accuracy::Standard);
+    params.output.frames = Some(1);
+    for seed in [3, 4] {
+        params.seed = seed;
+        let bake = bake(&scene, &params, &mut Silent).unwrap();
+        let (deepest, bodies) = (bake.report.measures["penetration_max_rel"].unwrap(), bake.pile.bodies.len());
+        assert!(deepest <= 8.0 * params.fill.residual_overlap && bodies >= 60, "{seed}: {deepest} in {bodies} bodies");
     }
 }
 

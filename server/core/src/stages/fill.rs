@@ -190,7 +190,10 @@ fn part(filling: &mut Filling, observer: &mut dyn Observer) -> Result<u64, Error
     if first > 0 {
         filling.settle(CLOSE_GAPS, observer)?;
     }
-    let second = filling.depenetrate(observer)?;
+    let mut second = filling.depenetrate(observer)?;
+    if filling.task.params.fill.method == FillMethod::Insert {
+        second += filling.free_locked(observer)?;
+    }
     // What is stacked stands on what is below it.
     if second > 0 && filling.task.params.fill.method == FillMethod::Stack {
         filling.settle(CLOSE_GAPS, observer)?;

@@ -17,6 +17,9 @@ const CUTS: f64 = 0.05;
 /// Most steps of depenetration: bodies that overlap after them are locked in.
 const MOST_DEPENETRATION: u64 = 120;
 
+/// Rounds of taking out what is locked in: by these multiples of the overlap that may remain.
+const LOCKED: [f64; 5] = [8.0, 4.0, 2.0, 1.0, 1.0];
+
 impl Filling<'_> {
     /// Distance of the farthest corner of a body outside the container, engine units.
     fn protrusion(&self, id: BodyId) -> f64 {
@@ -141,6 +144,27 @@ impl Filling<'_> {
         let bodies = self.world.loose().count();
         let going = |step| report(bodies, LAST, observer).map(|()| step < MOST_DEPENETRATION);
         self.world.depenetrate(residual, going)
+    }
+
+    /// Takes out bodies that are locked in: those that no step of depenetration parts, since the container is fuller
+    /// than full there. What is left is parted in the room that they leave; so those that overlap most go first.
+    /// Returns the steps that this took.
+    pub fn free_locked(&mut self, observer: &mut dyn Observer) -> Result<u64, Error> {
+        let fill = &self.task.params.fill;
+        let mut steps = 0;
+        if fill.residual_overlap >= 1.0 {
+            return Ok(steps);
+        }
+        for coarser in LOCKED {
+            let most = fill.overlap.min(coarser * DEEPEST * fill.residual_overlap);
+            let pairs = self.world.overlapping(most);
+            let locked = self.separate(pairs, 0);
+            self.removed.overlapping += locked;
+            if locked > 0 {
+                steps += self.depenetrate(observer)?;
+            }
+        }
+        Ok(steps)
     }
 
     /// Parts bodies in scenery that was fuller than full, which has room for that only now that it is open, and takes
