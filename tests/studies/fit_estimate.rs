@@ -10,7 +10,7 @@
 
 use anyhow::{Context, ensure};
 use cairn::cost::Record;
-use cairn_core::prepare::estimate::{CostExponents, FEATURES, LAWS};
+use cairn_core::prepare::estimate::{CostExponents, FEATURES, GLUED_RELEASE, LAWS};
 use cairn_core::prepare::packing;
 use cairn_core::stages::calibrate::calibrate;
 use clap::Parser;
@@ -93,6 +93,7 @@ fn main() -> anyhow::Result<()> {
     let mut dots: Vec<f64> = runs.iter().filter_map(|run| dots(&run.record)).collect();
     dots.sort_by(f64::total_cmp);
     println!("/// Median over the bakes.\npub const DOTS_PER_BODY: f64 = {:.2};", dots[dots.len() / 2]);
+    print_present(&runs);
     for (number, path) in paths.iter().enumerate() {
         let of = |own: bool| runs.iter().filter(move |run| (run.of == number) == own);
         let others: Vec<&Run> = of(false).collect();
@@ -156,11 +157,13 @@ fn seconds(record: &Record, stages: &[&str]) -> f64 {
     stages.iter().filter_map(|stage| record.seconds.get(*stage)).sum()
 }
 
-/// How much longer than at `standard` the record's accuracy takes for these stages: the laws are of `standard`.
+/// How much longer than at `standard` the record's accuracy takes for these stages: the laws are of `standard`, and of
+/// piles that are not glued.
 fn care(record: &Record, stages: &[&str]) -> f64 {
     match stages {
         ["fill"] => record.workload.fill_cost_factor,
         ["glue"] => record.workload.glue_cost_factor,
+        _ if record.workload.glued => GLUED_RELEASE,
         _ => 1.0,
     }
 }
@@ -178,11 +181,27 @@ fn print_error<'r>(of: &str, laws: &[CostExponents], runs: impl Iterator<Item = 
         });
         (expected / taken).ln().abs().exp()
     };
-    let mut far: Vec<f64> = runs.map(far).collect();
+    print_within(of, runs.map(far).collect());
+}
+
+fn print_within(of: &str, mut far: Vec<f64>) {
     far.sort_by(f64::total_cmp);
     let at = |share: f64| far[((far.len() - 1) as f64 * share) as usize];
     let (half, most, all) = (at(0.5), at(0.9), at(1.0));
     println!("// {of}: {} runs within a factor of {half:.2} (half), {most:.2} (90 %), {all:.2} (all)", far.len());
+}
+
+/// Prints how far the present laws are from these runs, but for one factor, that of the machine.
+fn print_present(runs: &[Run]) {
+    let off = |Run { record, .. }: &Run| {
+        let [fill, glue, release, _] = record.workload.stage_seconds();
+        (seconds(record, &["fill", "glue", "release", "hold"]) / (fill + glue + release)).ln()
+    };
+    let mut offs: Vec<f64> = runs.iter().map(off).collect();
+    offs.sort_by(f64::total_cmp);
+    let machine = offs[offs.len() / 2];
+    let of = format!("all files, by the present laws times {:.2}", machine.exp());
+    print_within(&of, offs.iter().map(|off| (off - machine).abs().exp()).collect());
 }
 
 /// Weighted least squares of the logarithm of the seconds, from the present exponents on. A glued pile hardly moves:

@@ -7,7 +7,7 @@ mod goal;
 mod model;
 
 pub use goal::{Choice, Expected, Goal, TOLERANCE};
-pub use model::CALIBRATION_SECONDS;
+pub use model::{CALIBRATION_SECONDS, GLUED_RELEASE};
 
 /// The fitted exponents of fill, glue, and release and hold.
 pub const LAWS: [CostExponents; 3] = [model::FILL, model::GLUE, model::RELEASE_AND_HOLD];
