@@ -114,7 +114,6 @@ def curves(results):
         return []
     ours, bare, theirs = ([run[key] for run in runs] for key in ("ours", "ours_without_report", "blender"))
 
-
     def over(some, others):
         return spread([a / b for a, b in zip(some, others)])
 
