@@ -113,6 +113,14 @@ fn blocks(heights: &[f64]) -> (World, impl Fn(&mut World, f64) -> BodyId) {
     (world, insert)
 }
 
+/// What was seen after one more step.
+fn watched<'a>(motion: &'a mut Motion, world: &mut World) -> &'a Motion {
+    motion.before_step(world);
+    world.step();
+    motion.after_step(world);
+    motion
+}
+
 /// Two blocks on each other stand in the air, and are released after 1.5 s; where there is a `hit`, a third one has
 /// fallen onto the upper one just before. How many fell untouched.
 fn fall_untouched(hit: bool) -> u64 {
@@ -120,12 +128,7 @@ fn fall_untouched(hit: bool) -> u64 {
     let [lower, upper] = [0, 1];
     [lower, upper].into_iter().for_each(|id| world.set_role(id, Role::Frozen));
     let mut motion = Motion::default();
-    let mut step = |world: &mut World| {
-        motion.before_step(world);
-        world.step();
-        motion.after_step(world);
-        motion.second_collapse
-    };
+    let mut step = |world: &mut World| watched(&mut motion, world).second_collapse;
     let second = (1.0 / (world.units.time * world.step_length())).ceil() as usize;
     for _ in 0..second * 3 / 2 {
         assert_eq!(step(&mut world), 0);
@@ -156,12 +159,7 @@ fn what_a_nail_holds_is_not_in_free_fall() {
     world.set_role(upper, Role::Frozen);
     world.drive_nail(upper, Some(lower), world.pose(upper).translation, DVec3::Y);
     let mut motion = Motion::default();
-    let mut step = |world: &mut World| {
-        motion.before_step(world);
-        world.step();
-        motion.after_step(world);
-        motion.ballistic_error
-    };
+    let mut step = |world: &mut World| watched(&mut motion, world).ballistic_error;
     let height = world.pose(lower).translation.y;
     assert_eq!((0..20).map(|_| step(&mut world)).fold(0.0, f64::max), 0.0);
     assert!(world.pose(lower).translation.y > height - 0.1, "the nail holds it");
