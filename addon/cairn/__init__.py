@@ -45,8 +45,6 @@ bl_info = {
     "version": (0, 1, 0),
     "blender": (3, 4, 0),
     "location": "3D View > Sidebar > Pile",
-    "doc_url": "https://extensions.blender.org/add-ons/cairn/",
-    "tracker_url": "https://extensions.blender.org/add-ons/cairn/",
     "support": "COMMUNITY",
     "category": "Physics",
 }

@@ -132,7 +132,7 @@ fn pages() -> Vec<String> {
 fn guide() {
     let desk = desk_with_examples();
     let (mut server, address) = serve(&desk);
-    let mut tried = 0;
+    let (mut tried, mut drawn) = (0, false);
     for page in pages() {
         let blocks = blocks_of(&root().join("examples/guide").join(&page));
         let lines = blocks.iter().flat_map(|block| block.lines());
@@ -148,6 +148,13 @@ fn guide() {
                 Some("cost") => " --seeds 1 --budget 1s",
                 _ => "",
             };
+            // Only `render` makes tiny pictures: of the others, one is enough.
+            let picture = command.split_whitespace().skip_while(|word| *word != "--picture").nth(1);
+            let command = match picture {
+                Some(picture) if drawn => command.replace(&format!(" --picture {picture}"), ""),
+                _ => command.to_owned(),
+            };
+            drawn |= picture.is_some();
             let words = format!("{command}{smaller}");
             let words = words.strip_prefix("cairn ").unwrap_or_else(|| panic!("{line} is no command of cairn"));
             let printed = desk.line(words).ok();

@@ -238,7 +238,7 @@ def weekly(runs, claims, jobs, again):
         write(known, claims)
     for claim in claims.values():
         if claim.table:
-            known[claim.name] = value_of(claim, {}) | {"code": [], "on": today, "seconds": 0}
+            known[claim.name] = value_of(claim, {}) | {"code": [], "on": tables.day(ROOT, claim.table), "seconds": 0}
     write(known, claims)
     code = show(runs, claims)
     for fault in missing:

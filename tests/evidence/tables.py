@@ -1,6 +1,7 @@
 """Numbers from the tables that studies write."""
 
 import re
+import subprocess
 
 
 def value(root, place):
@@ -21,3 +22,12 @@ def value(root, place):
             if found:
                 return float(found.group().replace(",", ""))
     raise SystemExit(f"{place['page']}: no number under “{wanted}” in row “{place['row']}”, column “{place['column']}”")
+
+
+def day(root, place):
+    """When the table was measured, as its page says; else the day on which the page was changed last."""
+    said = re.search(r"Measured on (\d{4}-\d\d-\d\d)", (root / place["page"]).read_text())
+    if said:
+        return said.group(1)
+    changed = ["git", "log", "-1", "--format=%cs", "--", place["page"]]
+    return subprocess.run(changed, cwd=root, capture_output=True, text=True, check=True).stdout.strip()

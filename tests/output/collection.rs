@@ -1,6 +1,6 @@
 //! A still of every model of a collection, written where `tests/viewers/run` shows it to the Khronos validator.
 //!
-//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_DATA`, or `../shared/data` beside the workspace; without
+//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace; without
 //! one, the example assets.
 
 use crate::files::encode;
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 /// Names relative to a folder, sorted: all that the manifest lists of these kinds, or the folder's own.
 pub fn collection() -> (PathBuf, Vec<String>) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let folder = std::env::var_os("CAIRN_DATA").map_or(root.join("../shared/data"), PathBuf::from);
+    let folder = std::env::var_os("CAIRN_COLLECTION").map_or(root.join("../shared/data"), PathBuf::from);
     if let Ok(manifest) = std::fs::read_to_string(folder.join("MANIFEST.tsv")) {
         let fields = manifest.lines().skip(1).map(|line| line.split('\t').collect::<Vec<_>>());
         let wanted = fields.filter(|fields| ["object", "control", "reader"].contains(&fields[1]));

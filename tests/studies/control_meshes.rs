@@ -1,8 +1,8 @@
 //! What becomes of every control mesh of a collection: filled, repaired and filled, or refused, and why:
-//! `CAIRN_DATA=FOLDER cargo run --release --example control_meshes -- [--bodies 60]`.
+//! `CAIRN_COLLECTION=FOLDER cargo run --release --example control_meshes -- [--bodies 60]`.
 //!
 //! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
-//! `CAIRN_DATA`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`. The prop
+//! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`. The prop
 //! is a brick, of a size of which about as many fit as wanted. One Markdown row per file.
 
 mod collection;
@@ -30,7 +30,7 @@ fn main() {
     let folder = collection::folder();
     let manifest = collection::manifest(&folder);
     let Ok(text) = std::fs::read_to_string(&manifest) else {
-        println!("There is no collection: {} cannot be read. Name its folder in CAIRN_DATA.", manifest.display());
+        println!("There is no collection: {} cannot be read. Name its folder in CAIRN_COLLECTION.", manifest.display());
         return;
     };
     println!("| control mesh | watertight | what becomes of it | bodies | fill | in pockets | lost |");

@@ -2,7 +2,7 @@
 //!
 //!     cargo run --release --example gltf_table [-- FOLDER]
 //!
-//! The collection is FOLDER, or `CAIRN_DATA`, or `../shared/data` beside the workspace; without one, the example
+//! The collection is FOLDER, or `CAIRN_COLLECTION`, or `../shared/data` beside the workspace; without one, the example
 //! assets. Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, message. Each file is read in a process
 //! of its own, and the greatest memory of all is printed. Then a file of 100 MB, made here, is read in the same way.
 //! Ends with 1 if a file panicked, hung for a minute, or took more than 100 MB of memory beyond its own size, or if the
@@ -45,7 +45,7 @@ fn main() -> anyhow::Result<()> {
 fn folder(given: Option<&String>) -> PathBuf {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let beside = root.join("../shared/data");
-    let given = given.map(PathBuf::from).or_else(|| std::env::var_os("CAIRN_DATA").map(PathBuf::from));
+    let given = given.map(PathBuf::from).or_else(|| std::env::var_os("CAIRN_COLLECTION").map(PathBuf::from));
     given.unwrap_or(if beside.is_dir() { beside } else { root.join("examples/assets") })
 }
 

@@ -1,9 +1,18 @@
 """How studies write their pages."""
 
+import datetime
 import subprocess
 from pathlib import Path
 
-WRAP = Path(__file__).resolve().parents[2] / "target/tools/bin/rumdl"
+ROOT = Path(__file__).resolve().parents[2]
+WRAP = ROOT / "target/tools/bin/rumdl"
+
+
+def stamp():
+    """When a page was measured, and with which code. `tests/evidence` reads the day."""
+    describe = ["git", "describe", "--always", "--exclude=*", "--abbrev=8"]
+    commit = subprocess.run(describe, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    return f"Measured on {datetime.date.today().isoformat()}, at commit {commit}."
 
 
 def write(path, text):

@@ -1,6 +1,6 @@
 //! The reader and the topology against a collection of real and broken files, if one is at hand.
 //!
-//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_DATA`, or `../shared/data` beside the workspace. Its kinds:
+//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Its kinds:
 //! `object` and `control` are models that must be read (those below `orig/` are in other formats and must be refused as
 //! such), `reader` exercises features, `invalid` breaks rules. With `--nocapture` the tests print their tables.
 
@@ -23,7 +23,7 @@ struct Entry {
 
 fn collection() -> Option<(PathBuf, Vec<Entry>)> {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let folder = std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from);
+    let folder = std::env::var_os("CAIRN_COLLECTION").map_or(beside, PathBuf::from);
     let Ok(manifest) = std::fs::read_to_string(folder.join("MANIFEST.tsv")) else {
         println!("no collection of files at {}: nothing was tried", folder.display());
         return None;

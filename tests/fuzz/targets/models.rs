@@ -54,7 +54,7 @@ fn assert_mesh(mesh: &TriMesh) {
 pub fn seeds() -> Vec<Vec<u8>> {
     let mut folders: Vec<_> = ["examples/assets", "tests"].map(|folder| root().join(folder)).into();
     if std::env::var_os("CAIRN_FUZZ_ALL").is_some() {
-        let collection = std::env::var_os("CAIRN_DATA").map_or_else(|| root().join("../shared/data"), Into::into);
+        let collection = std::env::var_os("CAIRN_COLLECTION").map_or_else(|| root().join("../shared/data"), Into::into);
         folders.extend(["invalid", "reader"].map(|name| collection.join(name)));
     }
     let mut seeds: Vec<Vec<u8>> = folders.iter().flat_map(|folder| contents(folder, &[".glb", ".gltf"])).collect();

@@ -1,5 +1,5 @@
 //! A collection of models of others, as examples bake it: a folder with a `MANIFEST.tsv` (name, kind, source, licence,
-//! bytes, triangles, watertight, ...), named in `CAIRN_DATA`, or `../shared/data` beside the workspace.
+//! bytes, triangles, watertight, ...), named in `CAIRN_COLLECTION`, or `../shared/data` beside the workspace.
 
 use cairn_core::asset::{self, Limits, Source};
 use cairn_core::input::scene::Model;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 pub fn folder() -> PathBuf {
     let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
-    std::env::var_os("CAIRN_DATA").map_or(beside, PathBuf::from)
+    std::env::var_os("CAIRN_COLLECTION").map_or(beside, PathBuf::from)
 }
 
 pub fn manifest(folder: &Path) -> PathBuf {

@@ -10,7 +10,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-import table
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import table  # noqa: E402
+import written  # noqa: E402
 from entries import BASELINES, CAIRN, FEW, HERE, OURS, PEERS, PILES, ROOT, TARGET
 
 
@@ -143,7 +145,7 @@ def main():
     text = table.page(results, [pile for pile in PILES if (results / pile.name).exists()])
     (results / "results.md").write_text(text)
     if not chosen.small:
-        (ROOT / HERE / "results.md").write_text(text)
+        written.write(ROOT / HERE / "results.md", f"{text}\n{written.stamp()}\n")
     print(text)
     return 1 if failed else 0
 

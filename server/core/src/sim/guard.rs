@@ -230,8 +230,8 @@ impl Guard {
             return Ok(());
         }
         let text = format!(
-            "the simulation does not stay stable: {}; raise physics.substeps, make physics.step shorter, or bring the \
-             bodies' sizes and masses nearer to each other",
+            "the simulation does not stay stable: {}; raise physics.substeps, lower physics.step_natural, or bring \
+             the bodies' sizes and masses nearer to each other",
             describe_aside(&self.actions.aside, |id| id.to_string()).join("; ")
         );
         Err(Error::Invalid(vec![SceneProblem::new("physics.substeps", text)]))

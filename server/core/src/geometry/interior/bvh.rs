@@ -3,14 +3,17 @@
 //! The winding number follows Barill et al., "Fast winding numbers for soups and clouds" (2018): a far node is
 //! replaced by its dipole (their Eq. 8) and the next term of the Taylor series (their Eq. 9).
 
-use crate::geometry::mesh::{bounds, solid_angle};
+mod build;
+
+use crate::geometry::mesh::solid_angle;
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::ControlFlow;
 
-/// Triangles in a leaf. Fewer make the tree deeper, more raise the price of a visit to a leaf.
-const LEAF: usize = 4;
 /// Deep enough for the median split of 2^32 triangles, with two entries per level.
 const STACK: usize = 80;
+/// What rounding does to the distance of a point from a triangle's plane is far below this, as a share of the largest
+/// coordinate.
+const PLANE_SLACK: f64 = 1e-9;
 
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
@@ -18,6 +21,12 @@ pub(crate) struct Bvh {
     order: Vec<u32>,
     /// Shape `[m][3]`, in the tree's order, metres.
     corners: Vec<[DVec3; 3]>,
+    /// Shape `[m]`, in the tree's order.
+    planes: Vec<Plane>,
+    /// Of each node.
+    far: Vec<Multipole>,
+    /// No coordinate of a corner is farther from 0, metres.
+    extent: f64,
 }
 
 struct Node {
@@ -27,7 +36,12 @@ struct Node {
     first: u32,
     /// Triangles of a leaf, 0 for an inner node.
     count: u32,
-    far: Multipole,
+}
+
+/// Where `normal . x = offset`. The normal of a triangle that is nearly flat is 0: no point is known to be apart from it.
+struct Plane {
+    normal: DVec3,
+    offset: f64,
 }
 
 /// A node seen from afar.
@@ -53,21 +67,6 @@ pub(crate) struct NearestPoint {
 }
 
 impl Bvh {
-    /// `triangles`, shape `[m]`, are the corners and the name of each triangle.
-    pub fn new(triangles: Vec<(u32, [DVec3; 3])>) -> Bvh {
-        let mut items: Vec<Item> = triangles.into_iter().map(|(name, t)| Item::new(name, t)).collect();
-        let mut nodes = Vec::with_capacity(items.len());
-        if !items.is_empty() {
-            let count = items.len();
-            split(&mut nodes, &mut items, 0, count);
-        }
-        Bvh {
-            nodes,
-            order: items.iter().map(|i| i.name).collect(),
-            corners: items.into_iter().map(|i| i.corners).collect(),
-        }
-    }
-
     /// The name of the triangle at a place in the tree's order.
     pub fn name(&self, place: u32) -> u32 {
         self.order[place as usize]
@@ -85,6 +84,8 @@ impl Bvh {
             return None;
         }
         let mut best = self.hit(p, guess.min(self.corners.len() as u32 - 1));
+        // Far beyond what rounding does to the distance from a plane.
+        let slack = PLANE_SLACK * (self.extent + p.abs().max_element());
         let mut stack = [(0u32, 0.0f64); STACK];
         stack[0] = (0, self.nodes[0].squared_distance(p));
         let mut depth = 1;
@@ -97,6 +98,10 @@ impl Bvh {
             let node = &self.nodes[at as usize];
             if node.count > 0 {
                 for place in node.first..node.first + node.count {
+                    let apart = self.planes[place as usize].distance(p) - slack;
+                    if apart > 0.0 && apart * apart >= best.squared {
+                        continue;
+                    }
                     let hit = self.hit(p, place);
                     if hit.squared < best.squared {
                         best = hit;
@@ -256,11 +261,11 @@ impl Bvh {
         while depth > 0 {
             depth -= 1;
             let at = stack[depth];
-            let node = &self.nodes[at as usize];
-            let r = node.far.centre - p;
+            let (node, far) = (&self.nodes[at as usize], &self.far[at as usize]);
+            let r = far.centre - p;
             // Written so that an infinite accuracy and a zero radius still mean "exact".
-            if r.length() / accuracy > node.far.radius {
-                sum += node.far.solid_angle(r);
+            if r.length() / accuracy > far.radius {
+                sum += far.solid_angle(r);
             } else if node.count > 0 {
                 let leaf = node.first as usize..(node.first + node.count) as usize;
                 sum += self.corners[leaf].iter().map(|t| solid_angle(p, t)).sum::<f64>();
@@ -280,6 +285,12 @@ impl Node {
     }
 }
 
+impl Plane {
+    fn distance(&self, p: DVec3) -> f64 {
+        (self.normal.dot(p) - self.offset).abs()
+    }
+}
+
 impl Multipole {
     /// Solid angle seen from the origin of `r`, the vector to the centre.
     fn solid_angle(&self, r: DVec3) -> f64 {
@@ -289,79 +300,6 @@ impl Multipole {
         let trace = m.x_axis.x + m.y_axis.y + m.z_axis.z;
         (self.normal.dot(r) + trace - 3.0 * r.dot(*m * r) / square) / cube
     }
-
-    fn of_triangles(items: &[Item], lo: DVec3, hi: DVec3) -> Multipole {
-        let area: f64 = items.iter().map(|i| i.area_normal.length()).sum();
-        let weighted: DVec3 = items.iter().map(|i| i.centroid * i.area_normal.length()).sum();
-        let centre = if area > 0.0 { weighted / area } else { (lo + hi) / 2.0 };
-        let moment = items.iter().fold(DMat3::ZERO, |m, i| m + outer(i.centroid - centre, i.area_normal));
-        let radius =
-            items.iter().flat_map(|i| i.corners).map(|p| p.distance_squared(centre)).fold(0.0, f64::max).sqrt();
-        Multipole { area, centre, radius, normal: items.iter().map(|i| i.area_normal).sum(), moment }
-    }
-
-    fn of_children(a: &Multipole, b: &Multipole, lo: DVec3, hi: DVec3) -> Multipole {
-        let area = a.area + b.area;
-        let centre = if area > 0.0 { (a.centre * a.area + b.centre * b.area) / area } else { (lo + hi) / 2.0 };
-        let moved = |m: &Multipole| m.moment + outer(m.centre - centre, m.normal);
-        let reach = |m: &Multipole| m.centre.distance(centre) + m.radius;
-        let corner = (centre - lo).max(hi - centre).length();
-        Multipole {
-            area,
-            centre,
-            radius: reach(a).max(reach(b)).min(corner),
-            normal: a.normal + b.normal,
-            moment: moved(a) + moved(b),
-        }
-    }
-}
-
-/// A triangle before it has its place in the tree.
-struct Item {
-    name: u32,
-    corners: [DVec3; 3],
-    centroid: DVec3,
-    area_normal: DVec3,
-}
-
-impl Item {
-    fn new(name: u32, corners: [DVec3; 3]) -> Item {
-        let [a, b, c] = corners;
-        Item { name, corners, centroid: (a + b + c) / 3.0, area_normal: (b - a).cross(c - a) / 2.0 }
-    }
-}
-
-/// Appends the tree of `items`, whose first one has place `first`, and returns its root.
-fn split(nodes: &mut Vec<Node>, items: &mut [Item], first: usize, count: usize) -> usize {
-    let (lo, hi) = bounds(items.iter().flat_map(|i| i.corners));
-    let at = nodes.len();
-    if count <= LEAF {
-        let far = Multipole::of_triangles(items, lo, hi);
-        nodes.push(Node { lo, hi, first: first as u32, count: count as u32, far });
-        return at;
-    }
-    let (clo, chi) = bounds(items.iter().map(|i| i.centroid));
-    let axis = (chi - clo).max_position();
-    let half = count / 2;
-    // The name breaks ties, so that equal input gives an equal tree.
-    let key = |i: &Item| (i.centroid[axis], i.name);
-    items.select_nth_unstable_by(half, |a, b| {
-        let (a, b) = (key(a), key(b));
-        a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
-    });
-    let empty = Multipole::of_triangles(&[], lo, hi);
-    nodes.push(Node { lo, hi, first: 0, count: 0, far: empty });
-    let (left, right) = items.split_at_mut(half);
-    let a = split(nodes, left, first, half);
-    let b = split(nodes, right, first + half, count - half);
-    nodes[at].far = Multipole::of_children(&nodes[a].far, &nodes[b].far, lo, hi);
-    nodes[at].first = b as u32;
-    at
-}
-
-/// The matrix whose product with x is a (b . x).
-fn outer(a: DVec3, b: DVec3) -> DMat3 {
-    DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
 
 /// Ericson, "Real-Time Collision Detection" (2005), 5.1.5; flat triangles fall back to their edges.

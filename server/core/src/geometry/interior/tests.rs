@@ -64,6 +64,29 @@ fn the_winding_number_agrees_with_the_exact_sum() {
     }
 }
 
+/// What the tree leaves out is farther, to the last bit: also among slivers, and triangles without an area.
+#[test]
+fn the_nearest_triangle_is_the_nearest_of_all() {
+    let ring = torus(1.0, 0.4, 40);
+    let mut triangles: Vec<[DVec3; 3]> = (0..ring.triangles.len()).map(|i| ring.corners(i)).collect();
+    for (i, p) in random_points(300, 1.0).into_iter().enumerate() {
+        let along = DVec3::new(p.y, -p.x, p.z * p.x);
+        let aside = along.any_orthogonal_vector() * [0.0, 1e-17, 1e-9, 1e-6, 1e-4, 0.3][i % 6];
+        triangles.push([p, p + along, p + along / 3.0 + aside]);
+    }
+    let offset = DVec3::new(3000.0, -200.0, 0.7);
+    for (scale, offset) in [(1.0, DVec3::ZERO), (1e-4, DVec3::ZERO), (1e4, DVec3::ZERO), (1.0, offset)] {
+        let moved: Vec<_> = triangles.iter().map(|t| t.map(|p| p * scale + offset)).collect();
+        let tree = Bvh::new(moved.iter().enumerate().map(|(i, &t)| (i as u32, t)).collect());
+        for (i, p) in random_points(900, 1.0).into_iter().enumerate() {
+            let p = p * [0.01, 1.5, 40.0][i % 3] * scale + offset;
+            let distances = moved.iter().map(|t| p.distance_squared(bvh::closest_on_triangle(p, t)));
+            let least = distances.fold(f64::INFINITY, f64::min);
+            assert_eq!(tree.nearest(p, i as u32).unwrap().squared, least, "{p}");
+        }
+    }
+}
+
 #[test]
 fn an_inside_out_mesh_is_turned() {
     let region = MeshInterior::new(&reversed(&torus(1.0, 0.4, 20)));
