@@ -1,7 +1,7 @@
 //! A still of every model of a collection, written where `tests/viewers/run` shows it to the Khronos validator.
 //!
-//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace; without
-//! one, the example assets.
+//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace;
+//! without one, the example assets.
 
 use crate::files::encode;
 use crate::files::pile_of;

@@ -2,8 +2,8 @@
 //! `CAIRN_COLLECTION=FOLDER cargo run --release --example control_meshes -- [--bodies 60]`.
 //!
 //! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
-//! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`. The prop
-//! is a brick, of a size of which about as many fit as wanted. One Markdown row per file.
+//! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`.
+//! The prop is a brick, of a size of which about as many fit as wanted. One Markdown row per file.
 
 mod collection;
 

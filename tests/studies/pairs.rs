@@ -2,11 +2,11 @@
 //! `cargo run --release --example pairs -- [--pairs 60] [--seed 1] [--only 0..60] [--out table.md] [--runs FOLDER]`.
 //!
 //! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
-//! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds `object`
-//! and `control`. A prop is scaled so that about 220 fit into the control mesh, first by volume and then, if fewer than
-//! 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is known. With
-//! `--runs`, what each bake took is kept for the example `fit_estimate`; with `--strengths 0.5,2,8,32`, what glue of
-//! these strengths and none keep of the shape, too.
+//! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds
+//! `object` and `control`. A prop is scaled so that about 220 fit into the control mesh, first by volume and then, if
+//! fewer than 150 or more than 300 do, by what the fill found. One Markdown row per pair, written as soon as it is
+//! known. With `--runs`, what each bake took is kept for the example `fit_estimate`; with `--strengths 0.5,2,8,32`,
+//! what glue of these strengths and none keep of the shape, too.
 
 mod collection;
 

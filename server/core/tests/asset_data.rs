@@ -1,8 +1,9 @@
 //! The reader and the topology against a collection of real and broken files, if one is at hand.
 //!
-//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Its kinds:
-//! `object` and `control` are models that must be read (those below `orig/` are in other formats and must be refused as
-//! such), `reader` exercises features, `invalid` breaks rules. With `--nocapture` the tests print their tables.
+//! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Its
+//! kinds: `object` and `control` are models that must be read (those below `orig/` are in other formats and must be
+//! refused as such), `reader` exercises features, `invalid` breaks rules. With `--nocapture` the tests print their
+//! tables.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

@@ -38,7 +38,7 @@ struct Node {
     count: u32,
 }
 
-/// Where `normal . x = offset`. The normal of a triangle that is nearly flat is 0: no point is known to be apart from it.
+/// Where `normal . x = offset`. The normal of a triangle that is nearly flat is 0: no point counts as apart from it.
 struct Plane {
     normal: DVec3,
     offset: f64,
