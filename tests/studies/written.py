@@ -15,6 +15,11 @@ def stamp():
     return f"Measured on {datetime.date.today().isoformat()}, at commit {commit}."
 
 
+def write_measured(path, text):
+    """The page of a study that was measured just now."""
+    write(path, f"{text}\n{stamp()}\n")
+
+
 def write(path, text):
     """The page's lines are wrapped like those of all pages, where the tool for it is there."""
     path.write_text(text)

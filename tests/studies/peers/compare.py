@@ -145,7 +145,7 @@ def main():
     text = table.page(results, [pile for pile in PILES if (results / pile.name).exists()])
     (results / "results.md").write_text(text)
     if not chosen.small:
-        written.write(ROOT / HERE / "results.md", f"{text}\n{written.stamp()}\n")
+        written.write_measured(ROOT / HERE / "results.md", text)
     print(text)
     return 1 if failed else 0
 
