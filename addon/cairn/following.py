@@ -1,5 +1,6 @@
 """Common part of the operators that bake: following a bake with a window, or waiting for it without one."""
 
+import gc
 import time
 import traceback
 from contextlib import contextmanager
@@ -90,6 +91,9 @@ class Follows:
             self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
             context.window_manager.modal_handler_add(self)
             self.workspace = context.workspace
+            # A pass of Python's garbage collection over all that is in Blender takes longer than a slice, and frames
+            # and bodies would cause it. Until the end it only looks at what is new.
+            gc.freeze()
             preview.redraw(context)
             return {"RUNNING_MODAL"}
         running.end()
@@ -207,6 +211,7 @@ class Follows:
             preview.redraw(context, "UI")
 
     def _leave(self, context, answer):
+        gc.unfreeze()
         if self.workspace:
             self.workspace.status_text_set(None)
             self.workspace = None

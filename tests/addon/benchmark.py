@@ -13,6 +13,7 @@
 A Python with bpy does for all but the last. CPU seconds of processes and their children; wall seconds where stated.
 """
 
+import gc
 import json
 import os
 import resource
@@ -226,11 +227,15 @@ def turns():
         operator.execute = execute
 
     def sliced(name, generator):
+        # As while a bake runs in a window.
+        gc.freeze()
         try:
             while True:
                 whole(name, lambda: next(generator))
         except StopIteration as end:
             return end.value
+        finally:
+            gc.unfreeze()
 
     taken = sliced("the scene is read for a bake", request.taking(bpy.context))
     drawn = sliced("the preview's props are made", preview.drawn(taken.props))

@@ -7,6 +7,7 @@ colored by state, too. $CAIRN_ADDON is the add-on's zip,
 $CAIRN_SCREENSHOTS a folder for pictures of the window.
 """
 
+import gc
 import os
 import sys
 import time
@@ -96,8 +97,10 @@ def walk():
 
     yield from during_the_fill(bake_button, objects)
     settings.accuracy, settings.use_frame_count = "STANDARD", False
+    frozen = gc.get_freeze_count()
     yield from click(*bake_button)
     yield from wait(lambda: running.bake and running.bake.job.latest, "the pile to form")
+    assert gc.get_freeze_count() > frozen, "a pass over all of Python's objects may come while the pile forms"
     yield 1.0
     picture("5-during.png")
     bpy.context.window_manager.cairn_states = True
@@ -109,6 +112,7 @@ def walk():
     pile = bpy.data.collections["Cone Pile"]
     count, frames = len(bodies_of(pile)), running.report_of(pile)["frame_count"]
     assert count > 20 and running.report_of(pile)["is_whole"]
+    assert gc.get_freeze_count() == frozen
     # The figures may come later.
     yield from wait(lambda: "measures" in running.report_of(bpy.data.collections["Cone Pile"]), "the report")
     report = running.report_of(bpy.data.collections["Cone Pile"])
