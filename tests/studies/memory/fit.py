@@ -2,7 +2,7 @@
 """Fits the estimate of a bake's peak memory (`server/src/job/memory.rs`) to bakes, and writes the table in README.md.
 
     cargo build --release
-    python tests/studies/memory/fit.py       half an hour on two cores; needs numpy
+    python tests/studies/memory/fit.py       some minutes; needs numpy
 
 Rows of bakes that were measured are kept in `target/memory`: delete that folder to measure again.
 """
