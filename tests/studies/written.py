@@ -1,4 +1,4 @@
-"""How studies write their pages."""
+"""How studies read what their programs print, and write their pages."""
 
 import datetime
 import subprocess
@@ -6,6 +6,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WRAP = ROOT / "target/tools/bin/rumdl"
+
+
+def rows(text):
+    """The rows of the Markdown table in a text, each by the table's column names."""
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    names, _, *cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    return [dict(zip(names, row)) for row in cells]
 
 
 def stamp():

@@ -19,7 +19,11 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import written
 
 ROOT = Path(__file__).resolve().parents[3]
 HOME = ROOT / "target" / "ablation"
@@ -344,7 +348,7 @@ def page(known, kept, names, effect):
             *lines,
         ]
     text += ["", "## Not changed: the compiler needs them", "", ", ".join(f"`{name}`" for name in sorted(kept)), ""]
-    PAGE.write_text("\n".join(text))
+    written.write_measured(PAGE, "\n".join(text))
 
 
 if __name__ == "__main__":

@@ -2,9 +2,23 @@
 
 use std::path::Path;
 
-/// Crates whose functions only hand on to others, or do arithmetic: their time is that of who calls them.
-const CARRIERS: [&str; 11] =
-    ["core", "std", "alloc", "rayon", "rayon-core", "rayon_core", "glam", "libm", "smallvec", "nalgebra", "simba"];
+/// Crates whose functions only hand on to others, do arithmetic, or take the samples: their time is that of who calls
+/// them.
+const CARRIERS: [&str; 13] = [
+    "core",
+    "std",
+    "alloc",
+    "rayon",
+    "rayon-core",
+    "rayon_core",
+    "glam",
+    "libm",
+    "smallvec",
+    "nalgebra",
+    "simba",
+    "backtrace",
+    "pprof",
+];
 
 /// A function by its name and file; `None` for what only hands on. What was inlined has a name without its path: the
 /// file names the module.
@@ -24,7 +38,7 @@ fn by_file(name: String, file: &Path) -> Option<String> {
     let parts: Vec<&str> = file.iter().filter_map(|part| part.to_str()).collect();
     let source = parts.iter().rposition(|&part| part == "src")?;
     let package = parts.get(source.checked_sub(1)?)?;
-    if *package == "core" && source >= 2 && parts[source - 2] == "server" {
+    if ["core", "statics"].contains(package) && source >= 2 && parts[source - 2] == "server" {
         let module =
             parts[source + 1..].iter().rev().map(|part| part.trim_end_matches(".rs")).find(|&part| part != "mod");
         return Some(match module {
