@@ -16,8 +16,8 @@ def rows(text):
 
 
 def stamp():
-    """When a page was measured, and with which code: the last commit that changed it. `tests/evidence` reads the day."""
-    last = ["git", "log", "-1", "--abbrev=8", "--format=%h", "--", "server", "proto", "Cargo.lock"]
+    """When a page was measured, and the last commit that changed the code. `tests/evidence` reads the day."""
+    last = ["git", "log", "-1", "--abbrev=8", "--format=%h", "--", "server", "proto", "Cargo.lock", ":!*.md"]
     commit = subprocess.run(last, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
     return f"Measured on {datetime.date.today().isoformat()}, at commit {commit}."
 
