@@ -1,10 +1,10 @@
 """Which numeric constants of the physics matter? Halves and doubles each of them over twelve small scenes.
 
 A constant counts as felt in a scene if one of the headline figures leaves the range that five seeds span there, widened
-by half of its width on both sides. The scenes stand by their cost, the cheapest first; after the first one in which a
+by half of its width on both sides. The scenes are baked in the order of their file; after the first one in which a
 constant is felt, no further one is baked for it. Called again, it continues where it ended.
 
-    python3 tests/studies/ablation/ablate.py            everything: HOURS of two cores
+    python3 tests/studies/ablation/ablate.py            everything: some 40 minutes of two cores
     python3 tests/studies/ablation/ablate.py --only glue --jobs 1
     python3 tests/studies/ablation/ablate.py --so-far   the page, of what is done
 
