@@ -15,11 +15,15 @@ def rows(text):
     return [dict(zip(names, row)) for row in cells]
 
 
-def stamp():
-    """When a page was measured, and the last commit that changed the code. `tests/evidence` reads the day."""
+def commit():
+    """The last commit that changed the code."""
     last = ["git", "log", "-1", "--abbrev=8", "--format=%h", "--", "server", "proto", "Cargo.lock", ":!*.md"]
-    commit = subprocess.run(last, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    return f"Measured on {datetime.date.today().isoformat()}, at commit {commit}."
+    return subprocess.run(last, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def stamp():
+    """When a page was measured, and with which code. `tests/evidence` reads the day."""
+    return f"Measured on {datetime.date.today().isoformat()}, at commit {commit()}."
 
 
 def write_measured(path, text):
