@@ -9,6 +9,7 @@ mod text;
 use crate::files::{self, Disk, FileSource};
 use crate::problem::Problem;
 use crate::wire::proto;
+use bytes::Bytes;
 use check::Checker;
 use prost::Message;
 use prost_reflect::{DynamicMessage, EnumDescriptor, Kind, MessageDescriptor, SerializeOptions};
@@ -20,8 +21,8 @@ pub use text::from_f64 as number;
 /// A message as JSON, with the schema's own names. `name`: of its type.
 pub fn json_of(name: &str, message: &impl Message) -> Value {
     let descriptor = schema::pool().get_message_by_name(name).expect("the schema has it");
-    let dynamic =
-        DynamicMessage::decode(descriptor, &message.encode_to_vec()[..]).expect("the message is of this schema");
+    let dynamic = DynamicMessage::decode(descriptor, Bytes::from(message.encode_to_vec()))
+        .expect("the message is of this schema");
     let options = SerializeOptions::new().stringify_64_bit_integers(false).use_proto_field_name(true);
     dynamic.serialize_with_options(serde_json::value::Serializer, &options).expect("every message has a JSON mapping")
 }
@@ -106,7 +107,7 @@ impl SceneTree {
 
     pub fn to_message(&self) -> proto::Scene {
         let dynamic = DynamicMessage::deserialize(schema::scene(), &self.values).expect("the tree was checked");
-        proto::Scene::decode(&dynamic.encode_to_vec()[..]).expect("the bytes are of this schema")
+        proto::Scene::decode(Bytes::from(dynamic.encode_to_vec())).expect("the bytes are of this schema")
     }
 
     /// The scene file's own folder: results name files relative to it.

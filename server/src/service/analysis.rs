@@ -9,6 +9,7 @@ use crate::service::worker::{NOT_UPLOADED, Uploads, WorkerError, invalid_fields,
 use crate::service::worker_message::WorkerMessage;
 use crate::wire::analysis::{NamedNode, to_messages};
 use crate::wire::proto;
+use bytes::Bytes;
 use cairn_core::analysis::{AnalysisOptions, PileAnalysis};
 use cairn_core::input::observer::{Observer, Progress};
 use prost::Message;
@@ -40,7 +41,7 @@ impl Observer for Reporting {
 
 /// Analyses the pile of a folder, and sends the answers.
 pub fn analyse(folder: &Path) -> Result<(), WorkerError> {
-    let request = proto::AnalysePileRequest::decode(&std::fs::read(folder.join(SPEC))?[..])
+    let request = proto::AnalysePileRequest::decode(Bytes::from(std::fs::read(folder.join(SPEC))?))
         .map_err(|error| WorkerError::Internal(error.to_string()))?;
     let limits = cairn_core::asset::Limits::default();
     let selection = Selection {

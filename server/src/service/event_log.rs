@@ -109,7 +109,7 @@ impl LogReader {
         let file = self.framed.get_mut();
         file.set_limit(file.limit() + more);
         match self.framed.next().await.transpose()? {
-            Some(message) => Ok(Some(BakeEvent::decode(message)?)),
+            Some(message) => Ok(Some(BakeEvent::decode(message.freeze())?)),
             None if self.framed.get_ref().limit() > 0 => Err(std::io::ErrorKind::UnexpectedEof.into()),
             None => Ok(None),
         }

@@ -126,7 +126,7 @@ impl Worker {
     async fn read(&mut self) -> Result<Option<WorkerMessage>> {
         failpoints::at("message-read")?;
         match self.messages.next().await.transpose()? {
-            Some(message) => Ok(Envelope::decode(message)?.message),
+            Some(message) => Ok(Envelope::decode(message.freeze())?.message),
             None => Ok(None),
         }
     }

@@ -20,6 +20,7 @@ use crate::service::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultK
 use crate::service::worker_message::ResultHead;
 use crate::wire::digest::hex;
 use crate::wire::proto::{AnalysePileRequest, AssetReference, BakeSpec, BakeState, BakeStatus};
+use bytes::Bytes;
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, TryLockError};
@@ -160,13 +161,13 @@ impl Store {
 
     /// The request of a bake.
     pub fn spec(&self, id: &str) -> Result<BakeSpec> {
-        Ok(BakeSpec::decode(&fs::read(self.folder(id).join(SPEC))?[..])?)
+        Ok(BakeSpec::decode(Bytes::from(fs::read(self.folder(id).join(SPEC))?))?)
     }
 
     /// The saved status of a bake; `None` if it is missing or damaged.
     pub fn status(&self, id: &str) -> Result<Option<BakeStatus>> {
         match fs::read(self.folder(id).join(STATUS)) {
-            Ok(bytes) => Ok(BakeStatus::decode(&bytes[..]).ok().filter(|status| status.bake_id == id)),
+            Ok(bytes) => Ok(BakeStatus::decode(Bytes::from(bytes)).ok().filter(|status| status.bake_id == id)),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
@@ -234,7 +235,7 @@ impl Store {
     /// What describes a bake's result, if it was made.
     pub fn head(&self, id: &str, kind: &ResultKind) -> Result<Option<ResultHead>> {
         match fs::read(self.folder(id).join(kind.head_name())) {
-            Ok(bytes) => Ok(ResultHead::decode(&bytes[..]).ok()),
+            Ok(bytes) => Ok(ResultHead::decode(Bytes::from(bytes)).ok()),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }

@@ -17,6 +17,7 @@ use crate::wire::digest::hex;
 use crate::wire::frame_delta::FrameDelta;
 use crate::wire::proto::{self, bake_event::Kind};
 use crate::wire::to_proto;
+use bytes::Bytes;
 use cairn_core::input::observer::{Frame, Observer, Progress, Stage};
 use cairn_core::report::bake::BakedPile;
 use prost::Message;
@@ -150,7 +151,7 @@ pub fn export(folder: &Path, format: &str, layout: Option<&str>) -> Result<(), W
     let kind = ResultKind { format, layout: layout.map(str::to_owned) };
     let (_, mut job) = read(folder)?;
     if let Some(layout) = layout {
-        let asked = proto::DownloadResultRequest::decode(&std::fs::read(folder.join(layout_name(layout)))?[..])
+        let asked = proto::DownloadResultRequest::decode(Bytes::from(std::fs::read(folder.join(layout_name(layout)))?))
             .map_err(|error| WorkerError::Internal(error.to_string()))?;
         let laid_out = job.laid_out(asked.usd.as_ref()).map_err(|problems| invalid(&problems))?;
         job = laid_out.referred_from(&asked.asset_folder);
@@ -216,7 +217,7 @@ fn write(
 }
 
 fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
-    let spec = proto::BakeSpec::decode(&std::fs::read(folder.join(SPEC))?[..])
+    let spec = proto::BakeSpec::decode(Bytes::from(std::fs::read(folder.join(SPEC))?))
         .map_err(|error| WorkerError::Internal(error.to_string()))?;
     let scene = spec.scene.clone().unwrap_or_default();
     let missing: Vec<usize> = (spec.assets.iter().enumerate())

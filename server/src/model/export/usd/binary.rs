@@ -40,7 +40,7 @@ pub fn encode(data: &Data) -> Result<Vec<u8>> {
     // Corrected values go to the end of the file, so that nothing else moves.
     bytes.resize(bytes.len().next_multiple_of(8), 0);
     let mut added = Vec::new();
-    let mut file = CrateFile::open(Cursor::new(&bytes)).map_err(Error::other)?;
+    let mut file = CrateFile::open(Cursor::new(&bytes[..])).map_err(Error::other)?;
     let entry = file.sections.iter().position(|section| section.name() == "FIELDS");
     let entry = entry.ok_or_else(|| Error::other("the layer has no fields"))?;
     let start = file.sections[entry].start as usize;
