@@ -280,7 +280,7 @@ def main():
 
     def once(scene, seed, change=None):
         key = (scene["name"], seed, change)
-        if key not in done and not chosen.so_far:
+        if key not in done and not (change and chosen.so_far):
             done[key] = bake(scene, seed, change)
             with log.open("a") as out:
                 out.write(json.dumps({"scene": key[0], "seed": seed, "change": change, "run": done[key]}) + "\n")
