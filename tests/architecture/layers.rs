@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// The layers of `cairn-core`, lowest first. A module may use its own layer and those before it. The root file stands
 /// above all.
 const CORE: &[&[&str]] = &[
-    &["error", "invariants"],
+    &["error", "invariants", "platform"],
     &["geometry"],
     &["input"],
     &["asset"],

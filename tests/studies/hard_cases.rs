@@ -86,7 +86,8 @@ fn guard_cost() {
     let resolved = cairn_core::prepare::effects::Resolved::new(&scene, &params, &checked, &summaries);
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
-        let (mut plain, mut guarded, mut guard) = (world(), world(), Guard::new(&scene, &resolved, units, 0.0));
+        let (mut plain, mut guarded) = (world(), world());
+        let mut guard = Guard::new(&scene, &params, &resolved, units, 0.0);
         let (mut by_plain, mut by_guard) = (0.0, 0.0);
         for _ in 0..STEPS {
             by_plain += cpu(|| drop(plain.step()));

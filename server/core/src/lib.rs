@@ -44,6 +44,7 @@ pub mod geometry;
 pub mod input;
 pub mod invariants;
 pub mod measure;
+mod platform;
 pub mod prepare;
 pub mod report;
 pub mod sim;

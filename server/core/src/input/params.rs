@@ -59,6 +59,14 @@ impl Time {
         let (Time::Natural(number) | Time::Seconds(number)) = self;
         number
     }
+
+    /// The name of the step's field in its unit.
+    pub fn step_field(self) -> &'static str {
+        match self {
+            Time::Natural(_) => "physics.step_natural",
+            Time::Seconds(_) => "physics.step_seconds",
+        }
+    }
 }
 
 /// Minimum spread of a candidate's contacts.

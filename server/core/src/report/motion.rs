@@ -2,7 +2,7 @@
 
 use super::inputs::{NamedFigures, ReportInputs};
 use crate::geometry::pose::Pose;
-use crate::input::params::{ControlMode, Time};
+use crate::input::params::ControlMode;
 use crate::input::scene::PlacedBody;
 use crate::measure;
 use crate::sim::pile::Pile;
@@ -90,14 +90,10 @@ pub fn error_sources(inputs: &ReportInputs, world: &World, measures: &NamedFigur
     let sunk = measures.get("penetration_mean_rel").copied().flatten().unwrap_or(0.0);
     let control = &inputs.params.control;
     let gap = if control.mode == ControlMode::Off { 0.0 } else { control.contact_tolerance };
-    let step = match inputs.params.physics.step {
-        Time::Natural(_) => "physics.step_natural",
-        Time::Seconds(_) => "physics.step_seconds",
-    };
     BTreeMap::from([
         ("physics.shape_tolerance", deviation),
         ("physics.contact_frequency", sunk * thickness),
-        (step, world.step_length().powi(2) / 2.0),
+        (inputs.params.physics.step.step_field(), world.step_length().powi(2) / 2.0),
         ("control.contact_tolerance", gap * thickness),
     ])
 }

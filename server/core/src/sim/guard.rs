@@ -5,6 +5,7 @@
 
 use crate::error::Error;
 use crate::error::SceneProblem;
+use crate::input::params::Params;
 use crate::input::scene::{Scene, StaticModel};
 use crate::prepare::effects::{EffectName, Resolved};
 use crate::world::{BodyId, Energy, PUSH_OUT_SPEED, Role, Snapshot, Units, World};
@@ -83,6 +84,8 @@ const MOST_ASIDE: f64 = 0.2;
 
 pub struct Guard {
     watches: bool,
+    /// The name of the step's field.
+    step_field: &'static str,
     pub actions: Actions,
     /// Height of the ground, engine units.
     ground: f64,
@@ -108,13 +111,14 @@ pub struct Guard {
 
 impl Guard {
     /// `ground`: its height, engine units.
-    pub fn new(scene: &Scene, resolved: &Resolved, units: Units, ground: f64) -> Guard {
+    pub fn new(scene: &Scene, params: &Params, resolved: &Resolved, units: Units, ground: f64) -> Guard {
         let bounces = resolved.is_on(EffectName::Restitution);
         let scenery = scene.statics.iter().map(scenery_speed).fold(0.0, f64::max);
         let emitted = scene.emitters.iter().map(|e| e.velocity.length()).fold(0.0, f64::max);
         let launched = scene.bodies.iter().map(|b| b.velocity.length()).fold(0.0, f64::max);
         Guard {
             watches: resolved.is_on(EffectName::Guard),
+            step_field: params.physics.step.step_field(),
             actions: Actions::default(),
             ground,
             speed_factor: if bounces || resolved.mass_ratio > SQUEEZING { BOUNCE_FACTOR } else { SPEED_FACTOR },
@@ -230,9 +234,10 @@ impl Guard {
             return Ok(());
         }
         let text = format!(
-            "the simulation does not stay stable: {}; raise physics.substeps, lower physics.step_natural, or bring \
-             the bodies' sizes and masses nearer to each other",
-            describe_aside(&self.actions.aside, |id| id.to_string()).join("; ")
+            "the simulation does not stay stable: {}; raise physics.substeps, lower {}, or bring the bodies' \
+             sizes and masses nearer to each other",
+            describe_aside(&self.actions.aside, |id| id.to_string()).join("; "),
+            self.step_field
         );
         Err(Error::Invalid(vec![SceneProblem::new("physics.substeps", text)]))
     }

@@ -58,7 +58,7 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     let control = control(inputs, &world);
     let depth = (!params.ground).then(|| units.height_to_engine(scene.lowest().min(ground)) - FALL_DEPTH);
     let floor = depth.map_or(units.height_to_engine(ground), |depth| depth - FALL_DEPTH);
-    let guard = Guard::new(scene, resolved, units, floor);
+    let guard = Guard::new(scene, params, resolved, units, floor);
     let recorder = Recorder::new(&world, Pace::new(params, resolved.is_on(EffectName::Frames), units));
     let bounces = resolved.is_on(EffectName::Restitution);
     let mut pile = Pile::new(world, scene, inputs.shapes, control, recorder, params, bounces);

@@ -8,12 +8,16 @@ mod build;
 use crate::geometry::mesh::solid_angle;
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::ControlFlow;
+use std::sync::OnceLock;
 
 /// Deep enough for the median split of 2^32 triangles, with two entries per level.
 const STACK: usize = 80;
 /// What rounding does to the distance of a point from a triangle's plane is far below this, as a share of the largest
 /// coordinate.
 const PLANE_SLACK: f64 = 1e-9;
+/// A triangle is flat if twice its area is below this share of its longest edge squared: its normal has rounding errors
+/// of up to 1e-16 / `FLAT`.
+const FLAT: f64 = 1e-5;
 
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
@@ -21,8 +25,8 @@ pub(crate) struct Bvh {
     order: Vec<u32>,
     /// Shape `[m][3]`, in the tree's order, metres.
     corners: Vec<[DVec3; 3]>,
-    /// Shape `[m]`, in the tree's order.
-    planes: Vec<Plane>,
+    /// Shape `[m]`, in the tree's order; made for the first nearest point that is asked for.
+    planes: OnceLock<Vec<Plane>>,
     /// Of each node.
     far: Vec<Multipole>,
     /// No coordinate of a corner is farther from 0, metres.
@@ -84,6 +88,7 @@ impl Bvh {
             return None;
         }
         let mut best = self.hit(p, guess.min(self.corners.len() as u32 - 1));
+        let planes = self.planes.get_or_init(|| self.corners.iter().map(Plane::of).collect());
         // Far beyond what rounding does to the distance from a plane.
         let slack = PLANE_SLACK * (self.extent + p.abs().max_element());
         let mut stack = [(0u32, 0.0f64); STACK];
@@ -98,7 +103,7 @@ impl Bvh {
             let node = &self.nodes[at as usize];
             if node.count > 0 {
                 for place in node.first..node.first + node.count {
-                    let apart = self.planes[place as usize].distance(p) - slack;
+                    let apart = planes[place as usize].distance(p) - slack;
                     if apart > 0.0 && apart * apart >= best.squared {
                         continue;
                     }
@@ -286,6 +291,17 @@ impl Node {
 }
 
 impl Plane {
+    fn of(&[a, b, c]: &[DVec3; 3]) -> Plane {
+        let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
+        let across = (b - a).cross(c - a);
+        let double = across.length();
+        if double.is_normal() && double > FLAT * longest {
+            let normal = across / double;
+            return Plane { normal, offset: normal.dot(a) };
+        }
+        Plane { normal: DVec3::ZERO, offset: 0.0 }
+    }
+
     fn distance(&self, p: DVec3) -> f64 {
         (self.normal.dot(p) - self.offset).abs()
     }

@@ -47,7 +47,7 @@ impl World {
             angular += a + arm.cross(l);
         }
         let spin = inertia.inverse() * angular;
-        // The engine's own eigenvalues call the platform's cosine: last bits would differ.
+        // The engine's own eigenvalues are of single precision.
         let (moments, frame) = principal(inertia);
         let (moments, frame) = (moments.as_vec3(), frame.as_quat());
         let properties = MassProperties::with_principal_inertia_frame(Vector::ZERO, mass as f32, moments, frame);

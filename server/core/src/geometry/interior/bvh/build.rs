@@ -1,14 +1,12 @@
 //! Making the tree.
 
-use super::{Bvh, Multipole, Node, Plane};
+use super::{Bvh, Multipole, Node};
 use crate::geometry::mesh::bounds;
 use glam::{DMat3, DVec3};
+use std::sync::OnceLock;
 
 /// Triangles in a leaf. Fewer make the tree deeper, more raise the price of a visit to a leaf.
 const LEAF: usize = 4;
-/// A triangle is flat if twice its area is below this share of its longest edge squared: its normal has rounding errors
-/// of up to 1e-16 / `FLAT`.
-const FLAT: f64 = 1e-5;
 
 impl Bvh {
     /// `triangles`, shape `[m]`, are the corners and the name of each triangle.
@@ -25,7 +23,7 @@ impl Bvh {
             nodes,
             far,
             order: items.iter().map(|i| i.name).collect(),
-            planes: items.iter().map(Plane::of).collect(),
+            planes: OnceLock::new(),
             corners: items.into_iter().map(|i| i.corners).collect(),
         }
     }
@@ -70,19 +68,6 @@ impl Item {
     fn new(name: u32, corners: [DVec3; 3]) -> Item {
         let [a, b, c] = corners;
         Item { name, corners, centroid: (a + b + c) / 3.0, area_normal: (b - a).cross(c - a) / 2.0 }
-    }
-}
-
-impl Plane {
-    fn of(item: &Item) -> Plane {
-        let [a, b, c] = item.corners;
-        let longest = a.distance_squared(b).max(b.distance_squared(c)).max(c.distance_squared(a));
-        let double = item.area_normal.length() * 2.0;
-        if double.is_normal() && double > FLAT * longest {
-            let normal = item.area_normal * 2.0 / double;
-            return Plane { normal, offset: normal.dot(a) };
-        }
-        Plane { normal: DVec3::ZERO, offset: 0.0 }
     }
 }
 
