@@ -1,15 +1,16 @@
 #!/usr/bin/env python3
 """Builds the wheel `cairn-pile` of one platform: the program `cairn`, and the Python package `cairn`.
 
-    python -m pip install grpcio-tools==1.85.1 hatchling==1.33.0
-    python python/build.py                       with target/release/cairn, for this machine
-    python python/build.py --program FILE        with a program of any platform, for that one
+    python3 python/build.py                      with this machine's program, which it builds
+    python3 python/build.py --program FILE       with a program of any platform, for that one
         --oldest 2.28                            the oldest glibc that it runs with; without it: not to be published
 
-The wheel is in target/wheel/dist. The same program gives the same bytes.
+The wheel is in target/wheel/dist. The same program gives the same bytes. Where this Python lacks grpcio-tools or
+hatchling, they are installed into target/wheel-tools.
 """
 
 import argparse
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -23,6 +24,7 @@ ROOT = Path(__file__).resolve().parent.parent
 # A folder of its own: nothing that is generated stands between the sources.
 STAGE = ROOT / "target" / "wheel"
 NATIVE = ROOT / "target" / "release" / ("cairn.exe" if os.name == "nt" else "cairn")
+TOOLS = ("grpcio-tools==1.85.1", "hatchling==1.33.0")
 # 2020-02-02, the earliest that all tools take.
 ZIP_TIME = "1580601600"
 MACHINES = {
@@ -40,8 +42,11 @@ def main():
     parser.add_argument("--program", type=Path, metavar="FILE", default=NATIVE)
     parser.add_argument("--oldest", metavar="VERSION", help="the oldest glibc that the program runs with")
     args = parser.parse_args()
+    with_tools()
+    if args.program == NATIVE:
+        subprocess.run(["cargo", "build", "--release", "--locked", "--bin", "cairn"], cwd=ROOT, check=True)
     if not args.program.is_file():
-        sys.exit(f"{args.program} is not there: build it first, by `cargo build --release`.")
+        sys.exit(f"{args.program} is not there.")
     kind = kind_of(args.program)
     platform = MACHINES[kind]
     if kind.system == "linux":
@@ -65,6 +70,20 @@ def main():
     environment = {**os.environ, "CAIRN_PLATFORM": platform, "SOURCE_DATE_EPOCH": ZIP_TIME}
     subprocess.run(command, cwd=STAGE, env=environment, check=True, stdout=sys.stderr)
     print(STAGE / "dist" / f"cairn_pile-{version()}-py3-none-{platform}.whl")
+
+
+def with_tools():
+    """Goes on in a Python that has what this needs."""
+    if all(importlib.util.find_spec(name) for name in ("grpc_tools", "hatchling")):
+        return
+    home = STAGE.with_name("wheel-tools")
+    python = home / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if Path(sys.prefix) == home:
+        sys.exit(f"{home} is broken: delete it.")
+    if not python.exists() and subprocess.run([sys.executable, "-m", "venv", "--clear", home]).returncode:
+        sys.exit("This Python cannot make environments: on Debian, `apt install python3-venv`.")
+    subprocess.run([python, "-m", "pip", "--quiet", "--disable-pip-version-check", "install", *TOOLS], check=True)
+    sys.exit(subprocess.run([python, *sys.argv]).returncode)
 
 
 def version():

@@ -276,7 +276,8 @@ pub fn remove_abandoned(folder: &Path) {
     }
 }
 
-fn new_file_in(folder: &Path) -> std::io::Result<NamedTempFile> {
+/// A file under a temporary name, which its writer gives its final name by `persist`.
+pub fn new_file_in(folder: &Path) -> std::io::Result<NamedTempFile> {
     let mut builder = tempfile::Builder::new();
     builder.prefix(UNFINISHED[0]).suffix(UNFINISHED[1]);
     #[cfg(unix)]

@@ -99,11 +99,12 @@ fn the_doctor_names_what_other_versions_left() {
     bake.args(["--accuracy", "draft", "--set", "fill.count=2", "--quiet"]).env_remove("CAIRN_NO_CACHE");
     assert!(bake.env("CAIRN_CACHE", &cache).status().unwrap().success());
     assert!(printed().starts_with("0 MiB in ") && !printed().contains("other versions"), "{}", printed());
-    let entry = cacache::WriteOpts::new().size(3 << 20).open_sync(&cache, "bake 0123456789abcdef 01");
-    let mut entry = entry.unwrap();
-    std::io::Write::write_all(&mut entry, &vec![7; 3 << 20]).unwrap();
-    entry.commit().unwrap();
-    assert!(printed().starts_with("3 MiB in ") && printed().contains("3 MiB of other versions"), "{}", printed());
+    // An entry of another version, what versions before that left, and what is not the cache's.
+    std::fs::create_dir_all(cache.join("content-v2/sha256")).unwrap();
+    for (name, size) in [("bake-0123456789abcdef-01.cached", 3), ("content-v2/sha256/ab", 2), ("notes.txt", 5)] {
+        std::fs::write(cache.join(name), vec![7; size << 20]).unwrap();
+    }
+    assert!(printed().starts_with("5 MiB in ") && printed().contains("5 MiB of other versions"), "{}", printed());
 }
 
 #[test]

@@ -129,7 +129,7 @@ fn machine_findings(cache: &BakeCache) -> Vec<Finding> {
         });
     }
     if let Some((folder, all, others)) = cache.found() {
-        let mib = |bytes: usize| bytes as f64 / f64::from(1 << 20);
+        let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         let mut text = format!("{:.0} MiB in {}", mib(all), folder.display());
         if others > 0 {
             let _ = write!(text, "; {:.0} MiB of other versions: you may delete the folder", mib(others));

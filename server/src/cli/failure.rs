@@ -59,7 +59,7 @@ impl Failure {
             Failure::Refused(refused) => all(&refused.problems),
             Failure::TryAgain(problem) => vec![problem.to_string()],
             Failure::Internal(what) => vec![format!(
-                "internal error: {what}. This is a fault in Cairn, not in your scene. Please report it with this \
+                "internal error: {what}. This is a fault in Cairn, not in your scene. Send whoever gave you Cairn this \
                  message, the scene and its files, and the version: {}.",
                 crate::version::VERSION
             )],

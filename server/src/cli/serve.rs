@@ -1,18 +1,16 @@
 //! `cairn serve`: runs the gRPC service.
 
 use super::{Failure, print};
+use crate::files;
 use crate::problem::{Problem, nearest};
 use crate::service::config::Config;
 use crate::service::listen;
 use crate::service::secrets::Secrets;
 use crate::service::serve::{self, ServeError};
 use crate::service::telemetry;
-use figment::Figment;
-use figment::providers::{Format, Serialized};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::sync::Notify;
 
@@ -38,7 +36,8 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS", env = "CAIRN_LISTEN", value_delimiter = ',')]
     listen: Vec<String>,
 
-    /// Folder for assets and bakes [default: cairn-data]
+    /// Folder for assets and bakes [default: `cairn-server` in the user's
+    /// data folder, such as ~/.local/share]
     #[arg(long, value_name = "FOLDER", env = "CAIRN_DATA")]
     data: Option<PathBuf>,
 
@@ -134,47 +133,55 @@ pub struct Args {
     worker_program: Option<PathBuf>,
 }
 
-/// TOML, read by the same parser as scene files.
-struct Toml;
-
-impl Format for Toml {
-    type Error = toml::de::Error;
-    const NAME: &'static str = "TOML";
-
-    fn from_str<T: DeserializeOwned>(text: &str) -> Result<T, Self::Error> {
-        toml::from_str(text)
-    }
-}
-
 impl Args {
     /// Defaults, then the file, then environment and flags.
     fn config(&self) -> Result<Config, Failure> {
-        let mut figment = Figment::from(Serialized::defaults(Config::default()));
-        if let Some(path) = &self.config {
-            figment = figment.merge(Toml::file_exact(path));
+        let internal = |error: &dyn std::fmt::Display| Failure::Internal(error.to_string());
+        let mut problems = Vec::new();
+        let mut settings = match &self.config {
+            Some(path) => read_settings(path, &mut problems),
+            None => toml::Table::new(),
+        };
+        let given = toml::Table::try_from(self).map_err(|error| internal(&error))?;
+        settings.extend(given.into_iter().filter(|(_, value)| value.as_array().is_none_or(|list| !list.is_empty())));
+        if !problems.is_empty() {
+            return Err(Failure::Settings(problems));
         }
-        let mut given =
-            serde_json::to_value(self).map_err(|error| Failure::usage("settings", error.to_string(), ""))?;
-        if let Some(settings) = given.as_object_mut() {
-            settings.retain(|_, value| !value.is_null() && value.as_array().is_none_or(|list| !list.is_empty()));
-        }
-        let config: Config = figment.merge(Serialized::defaults(given)).extract().map_err(|errors| {
-            let problem = |error: figment::Error| {
-                let place = self.config.as_ref().map_or("settings".into(), |path| path.display().to_string());
-                let meant = match &error.kind {
-                    figment::error::Kind::UnknownField(name, known) => nearest(name, known.iter().copied()),
-                    _ => None,
-                };
-                let remedy = match meant {
-                    Some(meant) => format!("Did you mean `{meant}`?"),
-                    None => "See `cairn serve --help` for the settings.".into(),
-                };
-                Problem::new(place, error.to_string(), remedy)
-            };
-            Failure::Settings(errors.into_iter().map(problem).collect())
-        })?;
+        let config = Config::deserialize(settings).map_err(|error| internal(&error))?;
         Ok(Config { worker_program: self.worker_program.clone(), ..config })
     }
+}
+
+/// The settings of a file. Each one is held against its form by itself, so that all problems are found.
+fn read_settings(path: &Path, problems: &mut Vec<Problem>) -> toml::Table {
+    let text = files::read(path).and_then(|bytes| {
+        String::from_utf8(bytes).map_err(|_| Problem::at(path, "it is not text in UTF-8", "Save it as UTF-8."))
+    });
+    let remedy = "See `cairn serve --help` for the settings.";
+    let read = text.and_then(|text| {
+        let read = text.parse::<toml::Table>();
+        read.map_err(|error| Problem::at(path, error.to_string().trim(), "Correct the file: it must be TOML."))
+    });
+    let settings = match read {
+        Ok(settings) => settings,
+        Err(problem) => {
+            problems.push(problem);
+            return toml::Table::new();
+        }
+    };
+    // What has no default is `null` there.
+    let known = serde_json::to_value(Config::default()).unwrap_or_default();
+    let known: Vec<&str> = known.as_object().into_iter().flatten().map(|(name, _)| name.as_str()).collect();
+    for (name, value) in &settings {
+        if !known.contains(&name.as_str()) {
+            let meant = nearest(name, known.iter().copied());
+            let remedy = meant.map_or(remedy.to_owned(), |meant| format!("Did you mean `{meant}`?"));
+            problems.push(Problem::at(path, format!("unknown setting `{name}`"), remedy));
+        } else if let Err(error) = Config::deserialize(toml::Table::from_iter([(name.clone(), value.clone())])) {
+            problems.push(Problem::at(path, format!("`{name}`: {}", error.message()), remedy));
+        }
+    }
+    settings
 }
 
 /// Threads for work that waits for the disk. Each keeps some memory.
@@ -192,6 +199,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     runtime.block_on(async {
         let secrets = Secrets::read(&config, token).map_err(Failure::Settings)?;
         let listeners = listen::bind(&config, &secrets).await?;
+        warn_of_earlier_data(&config);
         let store = serve::open_store(&config)?;
         let metrics = telemetry::metrics(&config).await.map_err(|error| {
             let remedy = "Choose a free port and an address of this machine.";
@@ -203,6 +211,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
         Ok(serve::run(listeners, end, reload, config, secrets, store, metrics).await?)
     })
+}
+
+/// Earlier versions kept their data in the folder that they were started in.
+fn warn_of_earlier_data(config: &Config) {
+    let earlier = Path::new("cairn-data");
+    if config.data == Config::default().data && config.data != earlier && earlier.is_dir() {
+        let found = std::path::absolute(earlier).unwrap_or_else(|_| earlier.to_owned());
+        tracing::warn!(
+            found = %found.display(),
+            used = %config.data.display(),
+            "data of an earlier version are not used: to go on with them, start with `--data cairn-data`"
+        );
+    }
 }
 
 /// Resolves at SIGTERM or Ctrl-C, handled from this call on. A second signal ends the process.

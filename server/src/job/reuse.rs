@@ -4,6 +4,7 @@
 //! entries that cannot be written are skipped.
 
 use crate::failpoints;
+use crate::files;
 use crate::wire::versions::versions;
 use cairn_core::input::params::Params;
 use cairn_core::input::scene::Scene;
@@ -14,12 +15,16 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::SystemTime;
 
 /// Total size of all entries, bytes. The oldest are removed first.
-const MOST: usize = 2 << 30;
+const MOST: u64 = 2 << 30;
 /// Largest entry, bytes.
 const LARGEST: usize = 256 << 20;
+/// How the name of an entry's file ends.
+const ENDING: &str = ".cached";
+/// Folders in which the cache of earlier versions was.
+const EARLIER: [&str; 2] = ["content-v2", "index-v5"];
 
 /// A cache on disk.
 #[derive(Clone, Debug, Default)]
@@ -52,15 +57,14 @@ impl BakeCache {
 
     /// Where the cache is, its size, and the size of what only other programs can read: earlier versions above all.
     /// Bytes.
-    pub fn found(&self) -> Option<(&Path, usize, usize)> {
+    pub fn found(&self) -> Option<(&Path, u64, u64)> {
         let folder = self.folder.as_deref().filter(|folder| folder.is_dir())?;
-        let (mut all, mut others) = (0, 0);
-        let own = program();
-        for entry in cacache::list_sync(folder).filter_map(Result::ok) {
-            all += entry.size;
-            others += if entry.key.split(' ').nth(1) == Some(&own) { 0 } else { entry.size };
-        }
-        Some((folder, all, others))
+        let own = format!("-{}-", program());
+        let is_own =
+            |file: &CachedFile| file.path.file_name().is_some_and(|name| name.to_string_lossy().contains(&own));
+        let files = cached_files(folder);
+        let size = |files: &mut dyn Iterator<Item = &CachedFile>| files.map(|file| file.size).sum();
+        Some((folder, size(&mut files.iter()), size(&mut files.iter().filter(|file| !is_own(file)))))
     }
 
     /// The cached bake of this scene.
@@ -78,41 +82,60 @@ impl BakeCache {
     }
 
     fn read<T: DeserializeOwned>(&self, key: &str) -> Option<T> {
-        let bytes = cacache::read_sync(self.folder.as_ref()?, key).ok()?;
-        postcard::from_bytes(&bytes).ok()
+        let bytes = std::fs::read(self.folder.as_ref()?.join(key)).ok()?;
+        let (hash, content) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
+        // A disk may have changed what is on it.
+        if blake3::hash(content) != *hash {
+            return None;
+        }
+        postcard::from_bytes(content).ok()
     }
 
     fn write<T: Serialize>(&self, key: &str, value: &T) {
         let Some(folder) = &self.folder else { return };
-        let Ok(bytes) = postcard::to_stdvec(value) else { return };
-        if bytes.len() > LARGEST {
+        let Ok(content) = postcard::to_stdvec(value) else { return };
+        if content.len() > LARGEST {
             return;
         }
-        let written = failpoints::at("cache-write").is_ok() && write(folder, key, &bytes).is_ok();
-        if written {
+        if failpoints::at("cache-write").is_ok() && write(folder, key, &content).is_ok() {
             trim(folder);
         }
     }
 }
 
-/// Writes an entry with its size, which the library's own `write_sync` leaves out: `trim` needs it.
-fn write(folder: &Path, key: &str, bytes: &[u8]) -> cacache::Result<()> {
-    let mut writer = cacache::WriteOpts::new().size(bytes.len()).open_sync(folder, key)?;
-    let failed = |error| cacache::Error::IoError(error, format!("writing the entry {key}"));
-    writer.write_all(bytes).map_err(failed)?;
-    writer.commit().map(drop)
+/// Writes an entry: a hash of the content, and the content. It appears complete or not at all.
+fn write(folder: &Path, key: &str, content: &[u8]) -> std::io::Result<()> {
+    std::fs::create_dir_all(folder)?;
+    let mut file = files::new_file_in(folder)?;
+    file.write_all(blake3::hash(content).as_bytes())?;
+    file.write_all(content)?;
+    file.persist(folder.join(key))?;
+    Ok(())
 }
 
-/// Removes files that killed processes were writing.
-fn remove_unfinished(folder: &Path) {
-    /// Far longer than writing takes.
-    const LONGEST: Duration = Duration::from_secs(3600);
-    for entry in folder.read_dir().into_iter().flatten().flatten() {
-        let age = entry.metadata().and_then(|found| found.modified()).ok().and_then(|time| time.elapsed().ok());
-        if age.is_some_and(|age| age > LONGEST) {
-            let _ = std::fs::remove_file(entry.path());
+struct CachedFile {
+    path: PathBuf,
+    /// Bytes.
+    size: u64,
+    written: SystemTime,
+}
+
+/// All files of the cache: nothing else that may be in the folder.
+fn cached_files(folder: &Path) -> Vec<CachedFile> {
+    let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
+    while let Some(inside) = folders.pop() {
+        for entry in inside.read_dir().into_iter().flatten().flatten() {
+            let Ok(found) = entry.metadata() else { continue };
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if found.is_dir() && (inside != folder || EARLIER.contains(&&*name)) {
+                folders.push(entry.path());
+            } else if found.is_file() && (inside != folder || name.ends_with(ENDING)) {
+                let written = found.modified().unwrap_or(SystemTime::UNIX_EPOCH);
+                files.push(CachedFile { path: entry.path(), size: found.len(), written });
+            }
         }
     }
+    files
 }
 
 impl cache::FillCache for BakeCache {
@@ -135,7 +158,7 @@ impl cache::FillCache for BakeCache {
 fn key(kind: &str, inputs: &impl Serialize) -> Option<String> {
     let mut hasher = blake3::Hasher::new();
     postcard::to_io(inputs, &mut hasher).ok()?;
-    Some(format!("{kind} {} {}", program(), hasher.finalize().to_hex()))
+    Some(format!("{kind}-{}-{}{ENDING}", program(), hasher.finalize().to_hex()))
 }
 
 /// A hash of the versions, and of size and time of this program's file: two builds of a version may differ.
@@ -152,15 +175,14 @@ fn program() -> String {
 
 /// Removes unfinished files, and the oldest entries until the rest is small enough.
 fn trim(folder: &Path) {
-    remove_unfinished(&folder.join("tmp"));
-    let mut entries: Vec<cacache::Metadata> = cacache::list_sync(folder).filter_map(Result::ok).collect();
-    let mut total: usize = entries.iter().map(|entry| entry.size).sum();
-    entries.sort_by_key(|entry| std::cmp::Reverse(entry.time));
+    files::remove_abandoned(folder);
+    let mut found = cached_files(folder);
+    let mut total: u64 = found.iter().map(|file| file.size).sum();
+    found.sort_by_key(|file| std::cmp::Reverse(file.written));
     while total > MOST
-        && let Some(oldest) = entries.pop()
+        && let Some(oldest) = found.pop()
     {
         total -= oldest.size;
-        let _ = cacache::remove_sync(folder, &oldest.key);
-        let _ = cacache::remove_hash_sync(folder, &oldest.integrity);
+        let _ = std::fs::remove_file(oldest.path);
     }
 }

@@ -3,6 +3,7 @@
 use crate::problem::Problem;
 use crate::service::audit;
 use crate::service::config::{self, Config};
+use crate::service::metrics::METRICS;
 use crate::service::status::Fault;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,7 +13,8 @@ use tokio::sync::watch;
 use tonic::transport::server::{TcpConnectInfo, TlsConnectInfo};
 use tonic::{Request, Status};
 use tracing::warn;
-use x509_parser::prelude::{FromDer, X509Certificate};
+use x509_cert::Certificate;
+use x509_cert::der::Decode;
 
 /// The author of a call.
 #[derive(Clone, Debug, PartialEq)]
@@ -254,7 +256,7 @@ pub fn check(mut request: Request<()>, access: &watch::Receiver<Access>) -> Resu
             request.extensions_mut().insert(caller);
         }
         None => {
-            metrics::counter!("cairn_calls_refused_total", "reason" => "token").increment(1);
+            METRICS.calls_refused.with_label_values(&["token"]).inc();
             let origin = origin(&request);
             audit::caller(request.extensions(), &origin, "");
             warn!(caller = origin, "refused a call with a missing or wrong token");
@@ -272,8 +274,8 @@ pub fn caller<T>(request: &Request<T>) -> Caller {
 /// The common name of the caller's certificate. The TLS handshake has checked its signature.
 fn subject<T>(request: &Request<T>) -> Option<String> {
     let certificates = request.extensions().get::<TlsConnectInfo<TcpConnectInfo>>()?.peer_certs()?;
-    let (_, certificate) = X509Certificate::from_der(certificates.first()?).ok()?;
-    certificate.subject().iter_common_name().next()?.as_str().ok().map(str::to_owned)
+    let certificate = Certificate::from_der(certificates.first()?).ok()?;
+    certificate.tbs_certificate().subject().common_name().ok()?.map(|name| name.value().into_owned())
 }
 
 /// The address or the user that a call comes from.

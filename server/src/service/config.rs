@@ -2,6 +2,7 @@
 
 use crate::files;
 use crate::problem::Problem;
+use etcetera::base_strategy::{self, BaseStrategy};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -13,7 +14,8 @@ use std::time::Duration;
 pub struct Config {
     /// `HOST:PORT` or `unix:PATH`. Default: 127.0.0.1:50151, reachable only from this machine.
     pub listen: Vec<String>,
-    /// Folder for assets and bakes. Default: `cairn-data` in the current folder.
+    /// Folder for assets and bakes. Default: `cairn-server` in the user's data folder (XDG's, Application
+    /// Support, Local AppData); where the system names none, `cairn-data` in the current folder.
     pub data: PathBuf,
     /// File with the token that callers must send. Required beyond loopback. Default: none.
     pub token_file: Option<PathBuf>,
@@ -81,11 +83,18 @@ pub enum LogForm {
     Json,
 }
 
+fn default_data() -> PathBuf {
+    // On Windows, the data folder roams from machine to machine, which files of this size should not.
+    let folder = base_strategy::choose_native_strategy()
+        .map(|folders| if cfg!(windows) { folders.cache_dir() } else { folders.data_dir() });
+    folder.map_or("cairn-data".into(), |folder| folder.join("cairn-server"))
+}
+
 impl Default for Config {
     fn default() -> Config {
         Config {
             listen: vec!["127.0.0.1:50151".into()],
-            data: "cairn-data".into(),
+            data: default_data(),
             token_file: None,
             callers_file: None,
             tls_certificate: None,

@@ -15,6 +15,8 @@ use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 use tokio_stream::wrappers::ReceiverStream;
 use tracing::{debug, warn};
+use x509_cert::Certificate;
+use x509_cert::der::Decode;
 
 /// A certificate that expires within this time causes a warning.
 const SOON: Duration = Duration::from_secs(30 * 86_400);
@@ -105,9 +107,10 @@ fn certificates(file: &str, pem: &[u8]) -> Result<Vec<CertificateDer<'static>>, 
 fn warn_of_age(file: &str, chain: &[CertificateDer]) {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |now| now.as_secs() as i64);
     for certificate in chain {
-        let Ok((_, certificate)) = x509_parser::parse_x509_certificate(certificate) else { continue };
+        let Ok(certificate) = Certificate::from_der(certificate) else { continue };
+        let certificate = certificate.tbs_certificate();
         let (subject, end) = (certificate.subject(), certificate.validity().not_after);
-        match end.timestamp() - now {
+        match end.to_unix_duration().as_secs() as i64 - now {
             left if left < 0 => warn!(file, %subject, %end, "the certificate has expired: clients will refuse it"),
             left if left < SOON.as_secs() as i64 => {
                 warn!(file, %subject, %end, "the certificate expires within 30 days: renew it, then send SIGHUP");

@@ -16,6 +16,7 @@ mod hook;
 pub mod in_process;
 mod jobs;
 pub mod listen;
+mod metrics;
 mod process;
 mod quotas;
 mod scheduler;

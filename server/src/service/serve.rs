@@ -11,7 +11,7 @@ use crate::service::jobs::Bakes;
 use crate::service::listen::Listener;
 use crate::service::secrets::Secrets;
 use crate::service::store::Store;
-use crate::service::telemetry::Metrics;
+use crate::service::telemetry::MetricsPage;
 #[cfg(unix)]
 use crate::service::unix;
 use crate::service::users;
@@ -86,7 +86,7 @@ pub async fn run(
     config: Config,
     secrets: Secrets,
     store: Store,
-    metrics: Option<Metrics>,
+    metrics: Option<MetricsPage>,
 ) -> Result<(), ServeError> {
     let mut drain = Duration::from_secs(config.drain_seconds);
     let (data, workers) = (config.data.display().to_string(), config.workers());

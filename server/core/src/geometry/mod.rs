@@ -8,12 +8,15 @@ pub mod interior;
 pub mod mesh;
 pub mod pose;
 pub mod raster;
+pub mod rays;
 pub mod rectangle;
 pub mod simplify;
 pub mod topology;
+mod tree;
 pub(crate) mod weld;
 
 pub use closed_mesh::ClosedMesh;
+pub use tree::Boxed;
 
 /// Relative error of a few operations in double precision: some thousand roundings.
 pub const ROUNDING: f64 = 1e-12;

@@ -3,15 +3,11 @@
 use super::RenderFault;
 use super::nodes::PlacedMesh;
 use super::texture::{Material, Picture};
+use cairn_core::geometry::rays::{RaySoup, Triangle};
 use cairn_gltf::document::{Triangles, reference};
 use cairn_gltf::{Document, Resolver};
 use glam::{DAffine3, DQuat, DVec2, DVec3, Vec2, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
-use obvhs::triangle::Triangle;
 use std::collections::BTreeMap;
-use std::time::Duration;
 
 /// Triangles of all meshes together, each counted once however often it is seen.
 const MOST_TRIANGLES: usize = 30_000_000;
@@ -19,11 +15,9 @@ const MOST_TRIANGLES: usize = 30_000_000;
 /// All triangles of one mesh, moved and scaled into the cube from -1 to 1: single precision is then good enough for
 /// any unit and place.
 pub struct Mesh {
-    /// In the order of the tree's leaves.
-    pub triangles: Vec<Triangle>,
-    /// Beside each triangle.
+    pub soup: RaySoup,
+    /// Of each triangle, in its order there.
     pub surfaces: Vec<FaceAttributes>,
-    pub tree: Bvh2,
     /// Bounds of the moved points.
     pub bounds: [DVec3; 2],
     /// The outermost of the moved points in many directions.
@@ -113,15 +107,12 @@ impl Mesh {
             if low.is_finite() { ((low + high) / 2.0, (high - low) / 2.0) } else { Default::default() };
         let size = half.max_element().max(f64::MIN_POSITIVE);
         let moved = |p: DVec3| ((p - centre) / size).as_vec3a();
-        let triangles: Vec<Triangle> =
-            triangles.into_iter().map(|t| t.map(moved)).map(|[v0, v1, v2]| Triangle { v0, v1, v2 }).collect();
-        let tree = build_bvh2(&triangles, BvhBuildParams::medium_build(), &mut Duration::default());
-        let order: Vec<usize> = tree.primitive_indices.iter().map(|&i| i as usize).collect();
+        let triangles: Vec<Triangle> = triangles.into_iter().map(|corners| Triangle(corners.map(moved))).collect();
+        let soup = RaySoup::new(&triangles);
         Mesh {
             outline: outline(&triangles),
-            triangles: order.iter().map(|&i| triangles[i]).collect(),
-            surfaces: order.iter().map(|&i| surfaces[i]).collect(),
-            tree,
+            surfaces: soup.order().iter().map(|&i| surfaces[i as usize]).collect(),
+            soup,
             bounds: [-half / size, half / size],
             from_cube: DAffine3::from_scale_rotation_translation(DVec3::splat(size), DQuat::IDENTITY, centre),
         }
@@ -137,7 +128,7 @@ fn outline(triangles: &[Triangle]) -> Vec<DVec3> {
         let (sin, cos) = libm::sincosf(golden * i as f32);
         let out = (1.0 - up * up).sqrt();
         let direction = Vec3A::new(out * cos, up, out * sin);
-        let points = triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+        let points = triangles.iter().flat_map(|triangle| triangle.0);
         points.max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction))).map(|p| p.as_dvec3())
     };
     let mut points: Vec<DVec3> = (0..DIRECTIONS).filter_map(furthest).collect();

@@ -5,13 +5,9 @@
 
 use super::library::{FaceAttributes, Library, Mesh};
 use super::nodes::PlacedMesh;
+use cairn_core::geometry::Boxed;
+use cairn_core::geometry::rays::{Ray, RayTree};
 use glam::{Affine3A, DAffine3, DVec3, Mat3A, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
-use obvhs::ray::{Ray, RayHit};
-use std::time::Duration;
 
 /// Single precision's error of a point in unit space, generously.
 const ROUNDING: f32 = 1e-5;
@@ -20,14 +16,12 @@ const ROUNDING: f32 = 1e-5;
 pub struct RayScene<'a> {
     /// In the order of the tree's leaves.
     instances: Vec<MeshInstance<'a>>,
-    tree: Option<Bvh2>,
+    tree: RayTree,
 }
 
 struct MeshInstance<'a> {
     mesh: &'a Mesh,
     to_cube: Affine3A,
-    /// The mesh's bounds, a little widened.
-    cube_bounds: [Vec3A; 2],
     /// Takes normals of the mesh to unit space.
     normals: Mat3A,
     /// Number of the body, in the order of the file.
@@ -58,26 +52,22 @@ impl<'a> RayScene<'a> {
             let to_mesh = to_unit * placed.world;
             let map = to_mesh * mesh.from_cube;
             let volume = map.matrix3.determinant();
-            if mesh.triangles.is_empty() || !map.is_finite() || !volume.is_normal() {
+            if mesh.soup.triangles.is_empty() || !map.is_finite() || !volume.is_normal() {
                 continue;
             }
-            boxes.push(bounds(mesh, &map));
+            boxes.push(InstanceBox { name: instances.len() as u32, bounds: bounds(mesh, &map) });
             let inverse = map.inverse();
             instances.push(MeshInstance {
                 mesh,
                 to_cube: Affine3A::from_mat3_translation(inverse.matrix3.as_mat3(), inverse.translation.as_vec3()),
-                cube_bounds: [mesh.bounds[0].as_vec3a() - ROUNDING, mesh.bounds[1].as_vec3a() + ROUNDING],
                 normals: to_mesh.matrix3.inverse().transpose().as_mat3().into(),
                 number,
             });
         }
-        if boxes.is_empty() {
-            return RayScene { instances, tree: None };
-        }
-        let tree = build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        let tree = RayTree::new(&mut boxes);
         let mut slots: Vec<Option<MeshInstance>> = instances.into_iter().map(Some).collect();
-        let instances = tree.primitive_indices.iter().filter_map(|&i| slots[i as usize].take()).collect();
-        RayScene { instances, tree: Some(tree) }
+        let instances = tree.order().iter().filter_map(|&i| slots[i as usize].take()).collect();
+        RayScene { instances, tree }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -86,59 +76,58 @@ impl<'a> RayScene<'a> {
 
     /// The first surface on a ray, nearer than `reach`.
     pub fn first(&self, origin: Vec3, direction: Vec3, reach: f32) -> Option<SurfaceHit<'a>> {
-        let tree = self.tree.as_ref()?;
-        let ray = Ray::new(origin.into(), direction.into(), 0.0, reach);
-        let mut best: Option<(usize, usize, Ray)> = None;
-        let mut hit = RayHit::none();
-        tree.ray_traverse(ray, &mut hit, |ray, i| {
-            let (local, stretch) = self.instances[i].localise(ray);
-            if !self.instances[i].is_near(&local) {
-                return f32::INFINITY;
-            }
-            let mut inner = RayHit::none();
-            let mesh = self.instances[i].mesh;
-            if !mesh.tree.ray_traverse(local, &mut inner, |ray, t| mesh.triangles[t].intersect(ray)) {
-                return f32::INFINITY;
-            }
-            let distance = inner.t / stretch;
-            if distance < ray.tmax {
-                best = Some((i, inner.primitive_id as usize, local));
-            }
+        let mut best: Option<(usize, usize, Ray, f32)> = None;
+        let ray = Ray::new(origin.into(), direction.into());
+        self.tree.along(&ray, reach, |i, reach| {
+            let (local, stretch) = self.instances[i].localise(&ray);
+            let Some((triangle, distance)) = self.instances[i].mesh.soup.first(&local, reach * stretch) else {
+                return reach;
+            };
+            let distance = distance / stretch;
+            best = Some((i, triangle, local, distance));
             distance
         });
-        let (i, triangle, local) = best?;
-        Some(self.instances[i].describe(triangle, &local, hit.t, direction))
+        let (i, triangle, local, distance) = best?;
+        Some(self.instances[i].describe(triangle, &local, distance, direction))
     }
 
     /// Whether a ray meets nothing.
     pub fn is_clear(&self, origin: Vec3, direction: Vec3) -> bool {
-        let Some(tree) = &self.tree else { return true };
-        let ray = Ray::new(origin.into(), direction.into(), 0.0, f32::INFINITY);
-        tree.ray_traverse_miss(ray, |ray, i| {
-            let (local, _) = self.instances[i].localise(ray);
-            if !self.instances[i].is_near(&local) {
-                return f32::INFINITY;
-            }
-            let mesh = self.instances[i].mesh;
-            let clear = mesh.tree.ray_traverse_miss(local, |ray, t| mesh.triangles[t].intersect(ray));
-            if clear { f32::INFINITY } else { 0.0 }
-        })
+        let mut clear = true;
+        let ray = Ray::new(origin.into(), direction.into());
+        self.tree.along(&ray, f32::INFINITY, |i, reach| {
+            clear = self.instances[i].mesh.soup.is_clear(&self.instances[i].localise(&ray).0);
+            if clear { reach } else { -1.0 }
+        });
+        clear
     }
 
     /// Calls `visit` for every surface on a ray, in no particular order.
     pub fn all(&self, origin: Vec3, direction: Vec3, reach: f32, mut visit: impl FnMut(SurfaceHit<'a>)) {
-        let Some(tree) = &self.tree else { return };
-        let ray = Ray::new(origin.into(), direction.into(), 0.0, reach);
-        tree.ray_traverse_anyhit(ray, |ray, i| {
+        let ray = Ray::new(origin.into(), direction.into());
+        self.tree.along(&ray, reach, |i, reach| {
             let instance = &self.instances[i];
-            let (local, stretch) = instance.localise(ray);
-            instance.mesh.tree.ray_traverse_anyhit(local, |ray, triangle| {
-                let distance = instance.mesh.triangles[triangle].intersect(ray) / stretch;
-                if distance < reach {
-                    visit(instance.describe(triangle, &local, distance, direction));
-                }
+            let (local, stretch) = instance.localise(&ray);
+            instance.mesh.soup.all(&local, reach * stretch, |triangle, distance| {
+                visit(instance.describe(triangle, &local, distance / stretch, direction));
             });
+            reach
         });
+    }
+}
+
+struct InstanceBox {
+    name: u32,
+    bounds: (DVec3, DVec3),
+}
+
+impl Boxed for InstanceBox {
+    fn name(&self) -> u32 {
+        self.name
+    }
+
+    fn bounds(&self) -> (DVec3, DVec3) {
+        self.bounds
     }
 }
 
@@ -148,25 +137,16 @@ impl<'a> MeshInstance<'a> {
     fn localise(&self, ray: &Ray) -> (Ray, f32) {
         let direction = self.to_cube.transform_vector3a(ray.direction);
         let stretch = direction.length();
-        let origin = self.to_cube.transform_point3a(ray.origin);
-        (Ray::new(origin, direction / stretch, ray.tmin * stretch, ray.tmax * stretch), stretch)
-    }
-
-    /// Whether a ray meets the mesh's own box: cheaper to ask than its tree, and far tighter than the box around a
-    /// turned body.
-    #[inline]
-    fn is_near(&self, local: &Ray) -> bool {
-        let [low, high] = self.cube_bounds;
-        let (a, b) = ((low - local.origin) * local.inv_direction, (high - local.origin) * local.inv_direction);
-        a.min(b).max_element().max(local.tmin) <= a.max(b).min_element().min(local.tmax)
+        (Ray::new(self.to_cube.transform_point3a(ray.origin), direction / stretch), stretch)
     }
 
     fn describe(&self, triangle: usize, local: &Ray, distance: f32, direction: Vec3) -> SurfaceHit<'a> {
-        let (corners, surface) = (&self.mesh.triangles[triangle], &self.mesh.surfaces[triangle]);
-        let shares = shares(corners, local);
+        let (triangle, surface) = (&self.mesh.soup.triangles[triangle], &self.mesh.surfaces[triangle]);
+        let shares = triangle.shares(local);
         let world = |normal: Vec3A| Vec3::from(self.normals * normal).normalize_or_zero();
         let towards = |normal: Vec3, side: Vec3| if normal.dot(side) < 0.0 { -normal } else { normal };
-        let facet = towards(world((corners.v1 - corners.v0).cross(corners.v2 - corners.v0)), -direction);
+        let [a, b, c] = triangle.0;
+        let facet = towards(world((b - a).cross(c - a)), -direction);
         let [a, b, c] = surface.normals;
         let between = towards(world((a * shares.x + b * shares.y + c * shares.z).into()), facet);
         let normal = if between == Vec3::ZERO { facet } else { between };
@@ -174,30 +154,19 @@ impl<'a> MeshInstance<'a> {
     }
 }
 
-/// Barycentric coordinates of the point where a ray meets a triangle.
-fn shares(t: &obvhs::triangle::Triangle, ray: &Ray) -> Vec3 {
-    let (e1, e2) = (t.v0 - t.v1, t.v2 - t.v0);
-    let cross = ray.direction.cross(t.v0 - ray.origin);
-    let det = e1.cross(e2).dot(ray.direction);
-    let (u, v) = (cross.dot(e2) / det, cross.dot(e1) / det);
-    let shares = Vec3::new(1.0 - u - v, u, v);
-    if shares.is_finite() { shares } else { Vec3::splat(1.0 / 3.0) }
-}
-
 /// The box around a mesh in unit space: around all its points, unless these are too many to visit for every body.
-fn bounds(mesh: &Mesh, map: &DAffine3) -> Aabb {
+fn bounds(mesh: &Mesh, map: &DAffine3) -> (DVec3, DVec3) {
     const MANY: usize = 50_000;
-    if mesh.triangles.len() > MANY {
-        return Aabb::from_points(&corners(mesh.bounds).map(|p| map.transform_point3(p).as_vec3a()));
-    }
-    let single = Affine3A::from_mat3_translation(map.matrix3.as_mat3(), map.translation.as_vec3());
-    let points = mesh.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]).map(|p| single.transform_point3a(p));
-    let mut bounds = Aabb::empty();
-    points.for_each(|point| {
-        bounds.extend(point);
-    });
-    // Rounding must not cut anything off.
-    Aabb::new(bounds.min - ROUNDING, bounds.max + ROUNDING)
+    let around = |points: &mut dyn Iterator<Item = DVec3>| {
+        points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    };
+    let (low, high) = if mesh.soup.triangles.len() > MANY {
+        around(&mut corners(mesh.bounds).into_iter().map(|p| map.transform_point3(p)))
+    } else {
+        around(&mut mesh.soup.triangles.iter().flat_map(|t| t.0).map(|p| map.transform_point3(p.as_dvec3())))
+    };
+    // Rounding must not cut anything off: triangles are met in single precision.
+    (low - f64::from(ROUNDING), high + f64::from(ROUNDING))
 }
 
 /// The corners of a box.
@@ -246,7 +215,7 @@ mod tests {
             .iter()
             .flat_map(|p| {
                 let map = p.world * mesh.from_cube;
-                mesh.triangles.iter().map(move |t| [t.v0, t.v1, t.v2].map(|v| map.transform_point3(v.as_dvec3())))
+                mesh.soup.triangles.iter().map(move |t| t.0.map(|v| map.transform_point3(v.as_dvec3())))
             })
             .collect();
         let scene = RayScene::new(&library, &placed, DAffine3::IDENTITY);

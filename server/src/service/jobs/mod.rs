@@ -14,6 +14,7 @@ use crate::service::config::{Config, Unfinished};
 use crate::service::event_log;
 use crate::service::folder::{EARLIER_PILE, PILE, ResultKind};
 use crate::service::hook::Hook;
+use crate::service::metrics::METRICS;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Quota;
 use crate::service::scheduler::Scheduler;
@@ -24,6 +25,7 @@ use crate::wire::proto::{
     self, BakeSpec, BakeState, BakeStatus, DownloadResultRequest, DownloadResultResponse, FieldProblem, Summary,
     UsdLayout,
 };
+use crate::wire::to_proto::signed;
 use crate::wire::versions::versions;
 pub use analysis::NewAnalysis;
 pub use entry::{Entry, EntryState, ListPosition};
@@ -153,7 +155,7 @@ impl Bakes {
                 if is_new {
                     self.save_callers(entry);
                 }
-                metrics::counter!("cairn_bakes_shared_total").increment(1);
+                METRICS.bakes_shared.inc();
                 return Ok(entry.clone());
             }
             if !entry.state.borrow().has_ended() {
@@ -164,7 +166,7 @@ impl Bakes {
         self.accepts_work()?;
         submission::within_limits(caller, self.config.workers(), entries.values())?;
         let Some(permit) = self.bake_quota.try_acquire(caller) else {
-            metrics::counter!("cairn_bakes_refused_total").increment(1);
+            METRICS.bakes_refused.inc();
             return Err(self.queue_full());
         };
         let mut status = BakeStatus {
@@ -516,7 +518,7 @@ impl Bakes {
             };
             let trimmed = tokio::task::spawn_blocking(trim).await;
             match trimmed {
-                Ok(Ok(bytes)) => metrics::gauge!("cairn_store_bytes").set(bytes as f64),
+                Ok(Ok(bytes)) => METRICS.store_bytes.set(signed(bytes)),
                 Ok(Err(error)) => warn!(%error, "the store could not be trimmed"),
                 Err(error) => warn!(%error, "the store could not be trimmed"),
             }

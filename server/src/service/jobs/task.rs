@@ -5,6 +5,7 @@ use crate::failpoints;
 use crate::service::access::{Caller, Project};
 use crate::service::event_log::{Extent, LogWriter};
 use crate::service::folder::EVENTS;
+use crate::service::metrics::METRICS;
 use crate::service::process::{Worker, WorkerTask};
 use crate::service::quotas::Permit;
 use crate::service::status::Fault;
@@ -45,7 +46,7 @@ impl Bakes {
         let span = info_span!("bake", bake_id = %entry.id());
         let bakes = self.clone();
         let life = async move {
-            metrics::gauge!("cairn_bakes_pending").increment(1);
+            METRICS.bakes_pending.inc();
             let _guard = EndGuard(&bakes, &entry);
             let mut worker = None;
             let result = tokio::select! {
@@ -236,9 +237,9 @@ impl Bakes {
             }
         }
         let outcome = bake.status.state().as_str_name().trim_start_matches("BAKE_STATE_").to_lowercase();
-        metrics::counter!("cairn_bakes_total", "outcome" => outcome).increment(1);
+        METRICS.bakes.with_label_values(&[&outcome]).inc();
         if let Some(time) = duration(&bake) {
-            metrics::histogram!("cairn_bake_seconds").record(time.as_secs_f64());
+            METRICS.bake_seconds.observe(time.as_secs_f64());
             *self.last_time.lock().unwrap_or_else(PoisonError::into_inner) = time;
         }
         if bake.accepted {
@@ -295,7 +296,7 @@ impl Drop for EndGuard<'_> {
         if !has_ended && std::thread::panicking() {
             bakes.finish(entry, Err(EndReason::Fault(Fault::Internal("the bake's task ended early".into()))));
         }
-        metrics::gauge!("cairn_bakes_pending").decrement(1);
+        METRICS.bakes_pending.dec();
     }
 }
 
@@ -304,25 +305,25 @@ struct Running;
 
 impl Running {
     fn new() -> Running {
-        metrics::gauge!("cairn_bakes_running").increment(1);
+        METRICS.bakes_running.inc();
         Running
     }
 }
 
 impl Drop for Running {
     fn drop(&mut self) {
-        metrics::gauge!("cairn_bakes_running").decrement(1);
+        METRICS.bakes_running.dec();
     }
 }
 
 /// Adds a finished bake to the metrics.
 fn count(summary: &Summary) {
-    metrics::counter!("cairn_bodies_total").increment(summary.body_count.unsigned_abs().into());
+    METRICS.bodies.inc_by(summary.body_count.unsigned_abs().into());
     let analyses = summary.counts.get("analyses").copied().unwrap_or(0);
-    metrics::counter!("cairn_solves_total").increment(analyses.unsigned_abs());
+    METRICS.solves.inc_by(analyses.unsigned_abs());
     for (stage, seconds) in &summary.stage_seconds {
         let milliseconds = (seconds * 1e3).round() as u64;
-        metrics::counter!("cairn_stage_cpu_milliseconds_total", "stage" => stage.clone()).increment(milliseconds);
+        METRICS.stage_cpu_milliseconds.with_label_values(&[stage]).inc_by(milliseconds);
     }
-    metrics::histogram!("cairn_bake_peak_memory_bytes").record(summary.peak_memory_bytes as f64);
+    METRICS.bake_peak_memory_bytes.observe(summary.peak_memory_bytes as f64);
 }

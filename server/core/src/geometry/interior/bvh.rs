@@ -6,12 +6,11 @@
 mod build;
 
 use crate::geometry::mesh::solid_angle;
+use crate::geometry::tree::{BoxTree, Node, STACK};
 use glam::{DAffine3, DMat3, DVec3};
 use std::ops::ControlFlow;
 use std::sync::OnceLock;
 
-/// Deep enough for the median split of 2^32 triangles, with two entries per level.
-const STACK: usize = 80;
 /// What rounding does to the distance of a point from a triangle's plane is far below this, as a share of the largest
 /// coordinate.
 const PLANE_SLACK: f64 = 1e-9;
@@ -20,9 +19,8 @@ const PLANE_SLACK: f64 = 1e-9;
 const FLAT: f64 = 1e-5;
 
 pub(crate) struct Bvh {
-    nodes: Vec<Node>,
-    /// Shape `[m]`: the mesh's triangle at each place of the tree's order.
-    order: Vec<u32>,
+    /// Its things are the mesh's triangles.
+    tree: BoxTree,
     /// Shape `[m][3]`, in the tree's order, metres.
     corners: Vec<[DVec3; 3]>,
     /// Shape `[m]`, in the tree's order; made for the first nearest point that is asked for.
@@ -31,15 +29,6 @@ pub(crate) struct Bvh {
     far: Vec<Multipole>,
     /// No coordinate of a corner is farther from 0, metres.
     extent: f64,
-}
-
-struct Node {
-    lo: DVec3,
-    hi: DVec3,
-    /// Leaf: its first triangle. Inner node: its right child; the left one is the next node.
-    first: u32,
-    /// Triangles of a leaf, 0 for an inner node.
-    count: u32,
 }
 
 /// Where `normal . x = offset`. The normal of a triangle that is nearly flat is 0: no point counts as apart from it.
@@ -73,7 +62,7 @@ pub(crate) struct NearestPoint {
 impl Bvh {
     /// The name of the triangle at a place in the tree's order.
     pub fn name(&self, place: u32) -> u32 {
-        self.order[place as usize]
+        self.tree.order[place as usize]
     }
 
     /// Shape `[m][3]`, metres, in the tree's order.
@@ -84,7 +73,7 @@ impl Bvh {
     /// The closest point of any triangle. `guess` is the place of a triangle that is likely near.
     /// `None` when there is no triangle.
     pub fn nearest(&self, p: DVec3, guess: u32) -> Option<NearestPoint> {
-        if self.nodes.is_empty() {
+        if self.tree.nodes.is_empty() {
             return None;
         }
         let mut best = self.hit(p, guess.min(self.corners.len() as u32 - 1));
@@ -92,7 +81,7 @@ impl Bvh {
         // Far beyond what rounding does to the distance from a plane.
         let slack = PLANE_SLACK * (self.extent + p.abs().max_element());
         let mut stack = [(0u32, 0.0f64); STACK];
-        stack[0] = (0, self.nodes[0].squared_distance(p));
+        stack[0] = (0, self.tree.nodes[0].squared_distance(p));
         let mut depth = 1;
         while depth > 0 {
             depth -= 1;
@@ -100,7 +89,7 @@ impl Bvh {
             if bound >= best.squared {
                 continue;
             }
-            let node = &self.nodes[at as usize];
+            let node = &self.tree.nodes[at as usize];
             if node.count > 0 {
                 for place in node.first..node.first + node.count {
                     let apart = planes[place as usize].distance(p) - slack;
@@ -115,8 +104,8 @@ impl Bvh {
                 continue;
             }
             let (left, right) = (at + 1, node.first);
-            let a = (left, self.nodes[left as usize].squared_distance(p));
-            let b = (right, self.nodes[right as usize].squared_distance(p));
+            let a = (left, self.tree.nodes[left as usize].squared_distance(p));
+            let b = (right, self.tree.nodes[right as usize].squared_distance(p));
             let (near, far) = if a.1 <= b.1 { (a, b) } else { (b, a) };
             stack[depth] = far;
             stack[depth + 1] = near;
@@ -144,7 +133,7 @@ impl Bvh {
         mut reach: f64,
         mut pair: impl FnMut([u32; 2], f64) -> ControlFlow<(), f64>,
     ) {
-        if self.nodes.is_empty() || other.nodes.is_empty() {
+        if self.tree.nodes.is_empty() || other.tree.nodes.is_empty() {
             return;
         }
         let bend = map.matrix3;
@@ -153,12 +142,12 @@ impl Bvh {
             let (middle, half) = (map.transform_point3((b.lo + b.hi) / 2.0), spread * ((b.hi - b.lo) / 2.0));
             (a.lo - middle - half).max(middle - half - a.hi).max(DVec3::ZERO).length_squared()
         };
-        let mut stack = vec![([0u32; 2], apart(&self.nodes[0], &other.nodes[0]))];
+        let mut stack = vec![([0u32; 2], apart(&self.tree.nodes[0], &other.tree.nodes[0]))];
         while let Some(([at, beside], bound)) = stack.pop() {
             if bound > reach * reach {
                 continue;
             }
-            let (a, b) = (&self.nodes[at as usize], &other.nodes[beside as usize]);
+            let (a, b) = (&self.tree.nodes[at as usize], &other.tree.nodes[beside as usize]);
             if a.count > 0 && b.count > 0 {
                 for i in a.first..a.first + a.count {
                     for j in b.first..b.first + b.count {
@@ -176,7 +165,8 @@ impl Bvh {
                 true => [[at + 1, beside], [a.first, beside]],
                 false => [[at, beside + 1], [at, b.first]],
             };
-            let mut next = next.map(|[i, j]| ([i, j], apart(&self.nodes[i as usize], &other.nodes[j as usize])));
+            let mut next =
+                next.map(|[i, j]| ([i, j], apart(&self.tree.nodes[i as usize], &other.tree.nodes[j as usize])));
             // The nearer one is looked at first.
             next.sort_by(|x, y| y.1.total_cmp(&x.1));
             stack.extend(next);
@@ -232,11 +222,11 @@ impl Bvh {
         mut triangle: impl FnMut(u32, [DVec3; 3]) -> bool,
     ) -> bool {
         let mut stack = [0u32; STACK];
-        let mut depth = usize::from(!self.nodes.is_empty());
+        let mut depth = usize::from(!self.tree.nodes.is_empty());
         while depth > 0 {
             depth -= 1;
             let at = stack[depth];
-            let node = &self.nodes[at as usize];
+            let node = &self.tree.nodes[at as usize];
             if !enter(node.lo, node.hi) {
                 continue;
             }
@@ -247,7 +237,7 @@ impl Bvh {
                 continue;
             }
             let mut leaf = node.first as usize..(node.first + node.count) as usize;
-            if !leaf.all(|place| triangle(self.order[place], self.corners[place])) {
+            if !leaf.all(|place| triangle(self.tree.order[place], self.corners[place])) {
                 return false;
             }
         }
@@ -257,7 +247,7 @@ impl Bvh {
     /// Generalised winding number. A node farther than `accuracy` times its radius is approximated;
     /// infinity gives the exact sum.
     pub fn winding_number(&self, p: DVec3, accuracy: f64) -> f64 {
-        if self.nodes.is_empty() {
+        if self.tree.nodes.is_empty() {
             return 0.0;
         }
         let mut sum = 0.0;
@@ -266,7 +256,7 @@ impl Bvh {
         while depth > 0 {
             depth -= 1;
             let at = stack[depth];
-            let (node, far) = (&self.nodes[at as usize], &self.far[at as usize]);
+            let (node, far) = (&self.tree.nodes[at as usize], &self.far[at as usize]);
             let r = far.centre - p;
             // Written so that an infinite accuracy and a zero radius still mean "exact".
             if r.length() / accuracy > far.radius {

@@ -5,13 +5,9 @@
 //! however small the triangle is; what is seen only between all of the points, or between all of the directions, is
 //! not.
 
+use cairn_core::geometry::rays::{Ray, RaySoup, Triangle};
 use glam::{Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::bvh2::builder::build_bvh2;
-use obvhs::ray::Ray;
-use obvhs::triangle::Triangle;
 use rayon::prelude::*;
-use std::time::Duration;
 
 /// Directions in which one may look at a point.
 const DIRECTIONS: u32 = 96;
@@ -27,23 +23,19 @@ pub fn seen(points: &[[f32; 3]], triangles: &[[u32; 3]], spacing: f64) -> Vec<bo
     let (low, high) = (corners().fold(Vec3::INFINITY, Vec3::min), corners().fold(Vec3::NEG_INFINITY, Vec3::max));
     let (middle, size) = ((low + high) / 2.0, (high - low).max_element().max(f32::MIN_POSITIVE));
     let unit = |corner: u32| Vec3A::from((at(corner) - middle) / size);
-    let own: Vec<Triangle> =
-        triangles.iter().map(|&[a, b, c]| Triangle { v0: unit(a), v1: unit(b), v2: unit(c) }).collect();
-    let tree = build_bvh2(&own, BvhBuildParams::medium_build(), &mut Duration::default());
-    let ordered: Vec<Triangle> = tree.primitive_indices.iter().map(|&i| own[i as usize]).collect();
+    let own: Vec<Triangle> = triangles.iter().map(|&corners| Triangle(corners.map(unit))).collect();
+    let soup = RaySoup::new(&own);
     let directions: Vec<Vec3A> = (0..DIRECTIONS).map(direction).collect();
     let spacing = spacing as f32 / size;
-    let is_clear = |from: Vec3A, direction: Vec3A| {
-        let ray = Ray::new(from + OFF * direction, direction, 0.0, f32::INFINITY);
-        tree.ray_traverse_miss(ray, |ray, i| ordered[i].intersect(ray))
-    };
+    let is_clear = |from: Vec3A, direction: Vec3A| soup.is_clear(&Ray::new(from + OFF * direction, direction));
     let is_seen = |triangle: &Triangle| {
-        let (one, other) = (triangle.v1 - triangle.v0, triangle.v2 - triangle.v0);
+        let [corner, b, c] = triangle.0;
+        let (one, other) = (b - corner, c - corner);
         let normal = one.cross(other);
         let count = (normal.length() / 2.0 / (spacing * spacing)).clamp(POINTS.0, POINTS.1) as u32;
         let points = (0..count).map(|k| {
             let (u, v) = spread(k);
-            triangle.v0 + one * u + other * v
+            corner + one * u + other * v
         });
         // Most of what is seen is seen from its front.
         let (front, back): (Vec<Vec3A>, Vec<Vec3A>) = directions.iter().partition(|way| way.dot(normal) > 0.0);

@@ -2,31 +2,42 @@
 
 use super::{Bvh, Multipole, Node};
 use crate::geometry::mesh::bounds;
+use crate::geometry::tree::{BoxTree, Boxed};
 use glam::{DMat3, DVec3};
 use std::sync::OnceLock;
-
-/// Triangles in a leaf. Fewer make the tree deeper, more raise the price of a visit to a leaf.
-const LEAF: usize = 4;
 
 impl Bvh {
     /// `triangles`, shape `[m]`, are the corners and the name of each triangle.
     pub fn new(triangles: Vec<(u32, [DVec3; 3])>) -> Bvh {
         let mut items: Vec<Item> = triangles.into_iter().map(|(name, t)| Item::new(name, t)).collect();
-        let (mut nodes, mut far) = (Vec::with_capacity(items.len()), Vec::with_capacity(items.len()));
-        if !items.is_empty() {
-            let count = items.len();
-            split(&mut nodes, &mut far, &mut items, 0, count);
-        }
+        let tree = BoxTree::new(&mut items);
         let reach = |node: &Node| node.lo.abs().max(node.hi.abs()).max_element();
         Bvh {
-            extent: nodes.first().map_or(0.0, reach),
-            nodes,
-            far,
-            order: items.iter().map(|i| i.name).collect(),
+            extent: tree.nodes.first().map_or(0.0, reach),
+            far: multipoles(&tree, &items),
+            tree,
             planes: OnceLock::new(),
             corners: items.into_iter().map(|i| i.corners).collect(),
         }
     }
+}
+
+/// Of each node. `items` are in the order of the tree.
+fn multipoles(tree: &BoxTree, items: &[Item]) -> Vec<Multipole> {
+    // Children stand behind their parents, so that this goes from the last node to the first.
+    let mut far: Vec<Multipole> = Vec::with_capacity(tree.nodes.len());
+    for (at, node) in tree.nodes.iter().enumerate().rev() {
+        let of = |child: usize| &far[tree.nodes.len() - 1 - child];
+        let own = if node.count > 0 {
+            let leaf = node.first as usize..(node.first + node.count) as usize;
+            Multipole::of_triangles(&items[leaf], node.lo, node.hi)
+        } else {
+            Multipole::of_children(of(at + 1), of(node.first as usize), node.lo, node.hi)
+        };
+        far.push(own);
+    }
+    far.reverse();
+    far
 }
 
 impl Multipole {
@@ -64,39 +75,25 @@ struct Item {
     area_normal: DVec3,
 }
 
+impl Boxed for Item {
+    fn name(&self) -> u32 {
+        self.name
+    }
+
+    fn bounds(&self) -> (DVec3, DVec3) {
+        bounds(self.corners.into_iter())
+    }
+
+    fn centre(&self) -> DVec3 {
+        self.centroid
+    }
+}
+
 impl Item {
     fn new(name: u32, corners: [DVec3; 3]) -> Item {
         let [a, b, c] = corners;
         Item { name, corners, centroid: (a + b + c) / 3.0, area_normal: (b - a).cross(c - a) / 2.0 }
     }
-}
-
-/// Appends the tree of `items`, whose first one has place `first`, and returns its root.
-fn split(nodes: &mut Vec<Node>, fars: &mut Vec<Multipole>, items: &mut [Item], first: usize, count: usize) -> usize {
-    let (lo, hi) = bounds(items.iter().flat_map(|i| i.corners));
-    let at = nodes.len();
-    if count <= LEAF {
-        fars.push(Multipole::of_triangles(items, lo, hi));
-        nodes.push(Node { lo, hi, first: first as u32, count: count as u32 });
-        return at;
-    }
-    let (clo, chi) = bounds(items.iter().map(|i| i.centroid));
-    let axis = (chi - clo).max_position();
-    let half = count / 2;
-    // The name breaks ties, so that equal input gives an equal tree.
-    let key = |i: &Item| (i.centroid[axis], i.name);
-    items.select_nth_unstable_by(half, |a, b| {
-        let (a, b) = (key(a), key(b));
-        a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))
-    });
-    fars.push(Multipole::of_triangles(&[], lo, hi));
-    nodes.push(Node { lo, hi, first: 0, count: 0 });
-    let (left, right) = items.split_at_mut(half);
-    let a = split(nodes, fars, left, first, half);
-    let b = split(nodes, fars, right, first + half, count - half);
-    fars[at] = Multipole::of_children(&fars[a], &fars[b], lo, hi);
-    nodes[at].first = b as u32;
-    at
 }
 
 /// The matrix whose product with x is a (b . x).
