@@ -9,9 +9,9 @@
 //! `proto/cairn/v1`.
 
 use anyhow::{Context, Result, bail};
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::pile_service_client::PileServiceClient;
-use cairn::wire::proto::{
+use cairn_service::api::pile_service_client::PileServiceClient;
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{
     Accuracy, AssetHeader, AssetReference, BakeRequest, BakeSpec, ControlMesh, DownloadResultRequest, FrameSelection,
     GetServerInfoRequest, HaveAssetsRequest, Prop, Scene, Stage, UploadAssetRequest,
 };

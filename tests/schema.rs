@@ -1,13 +1,13 @@
 //! The comments of `proto/cairn/v1` are true: every `Default: X.` is the value that an unset field gets, and every
 //! `Range: A to B.` is what the core accepts.
 
-use cairn::job::Job;
-use cairn::scene_file::SceneTree;
-use cairn::scene_file::schema::{self, comment, stated};
-use cairn::wire::effective::effective;
-use cairn::wire::from_proto;
-use cairn::wire::proto;
-use cairn_core::input::scene::Prop;
+use cairn_input::scene::Prop;
+use cairn_job::Job;
+use cairn_wire::effective::effective;
+use cairn_wire::from_proto;
+use cairn_wire::proto;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::scene_file::schema::{self, comment, stated};
 use prost_reflect::{FieldDescriptor, Kind, MessageDescriptor};
 use serde_json::Value;
 use std::path::Path;
@@ -178,7 +178,7 @@ fn parameters_survive_the_wire_and_back() {
         scene.set("fill.count=7").unwrap();
         scene.set("ground_height=-2").unwrap();
         let params = from_proto::params(&scene.to_message()).unwrap();
-        let wire = cairn::wire::to_proto::params(&params);
+        let wire = cairn_wire::to_proto::params(&params);
         let tree = SceneTree::from_message(&wire);
         assert_eq!(tree.to_message(), wire);
         assert_eq!(from_proto::params(&wire).unwrap(), params);

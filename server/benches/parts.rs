@@ -3,15 +3,15 @@
 #[path = "../../tests/studies/piles/mod.rs"]
 mod piles;
 
-use cairn::model::export::{self, Format};
-use cairn_core::geometry::contact::REAL_CONTACT;
-use cairn_core::input::observer::{Observer, Progress, Silent, Stage};
-use cairn_core::input::params::ControlMode;
-use cairn_core::sim::control::BodyProblem;
-use cairn_core::sim::pile_equilibrium::PileEquilibrium;
-use cairn_core::sim::step::Simulation;
-use cairn_core::stages::cache::NoCache;
-use cairn_core::stages::glue::Sites;
+use cairn_analysis::pile_equilibrium::PileEquilibrium;
+use cairn_core::cache::NoCache;
+use cairn_export::Format;
+use cairn_geometry::contact::REAL_CONTACT;
+use cairn_input::observer::{Observer, Progress, Silent, Stage};
+use cairn_input::params::ControlMode;
+use cairn_motion::control::BodyProblem;
+use cairn_motion::glue::sites::Sites;
+use cairn_motion::step::Simulation;
 use cairn_statics::global::{self, Objective};
 use cairn_statics::glue::{self, GlueOptions, MOST_ROUNDS};
 use cairn_statics::local::{Analyser, Options};
@@ -147,7 +147,7 @@ fn writing(group: &mut Group, full: &Full) {
     group.throughput(Throughput::Elements((bake.pile.frames.len() * bake.pile.bodies.len()) as u64));
     for (name, format) in [("glb", Format::Glb), ("usdc", Format::Usdc), ("json", Format::Json)] {
         group.bench_function(name, |b| {
-            b.iter(|| export::encode(format, &bake.pile, &scene).expect("it can be written"))
+            b.iter(|| cairn_export::encode(format, &bake.pile, &scene).expect("it can be written"))
         });
     }
 }

@@ -20,7 +20,7 @@ const CORE: &[&[&str]] = &[
     &["report"],
 ];
 
-/// The layers inside `cairn_core::world`, lowest first. What the world's root file holds is for all of them.
+/// The layers inside `cairn_engine::world`, lowest first. What the world's root file holds is for all of them.
 pub const WORLD: &[&[&str]] = &[
     &["units", "colliders"],
     &["manifold"],

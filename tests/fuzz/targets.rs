@@ -5,8 +5,8 @@ mod equilibrium;
 mod models;
 mod uploads;
 
-use cairn::scene_file::SceneTree;
-use cairn::wire::from_proto;
+use cairn_wire::from_proto;
+use cairn_wire::scene_file::SceneTree;
 use prost::Message;
 use std::path::{Path, PathBuf};
 

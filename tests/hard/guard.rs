@@ -2,17 +2,18 @@
 
 use crate::rows::engines::{Engine, params};
 use crate::rows::scenes::{at, block, placed, prop};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::{Silent, Stage};
-use cairn_core::input::params::{Params, Switch, Time};
-use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
-use cairn_core::prepare::effects::Resolved;
-use cairn_core::prepare::{check, shape};
-use cairn_core::sim::guard::{AsideReason, Guard};
-use cairn_core::sim::pile::Pile;
-use cairn_core::stages::cache::NoCache;
-use cairn_core::world::{Insertion, Role, Units, World};
+use cairn_core::cache::NoCache;
 use cairn_core::{Error, bake};
+use cairn_engine::shape;
+use cairn_engine::world::{Insertion, Role, Units, World};
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Silent, Stage};
+use cairn_input::params::{Params, Switch, Time};
+use cairn_input::scene::{Keyframe, Model, Scene, StaticModel};
+use cairn_motion::guard::{AsideReason, Guard};
+use cairn_motion::pile::Pile;
+use cairn_prepare::check;
+use cairn_prepare::effects::Resolved;
 use glam::DVec3;
 
 const BODIES: usize = 10;

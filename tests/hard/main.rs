@@ -133,14 +133,12 @@ fn a_random_scene_replays_from_its_file() {
         let recipe = sweep::recipe::recipe().new_tree(&mut runner).expect("nothing is filtered out").current();
         let Ok(Verdict::Sound(bake)) = sweep::run(&recipe) else { continue };
         let path = sweep::file::write(&recipe, &folder).expect("the folder can be written");
-        let tree = cairn::scene_file::SceneTree::load(&path).expect("a sound scene file");
-        let job = cairn::job::Job::read(&tree.to_message()).expect("sound models");
-        let again =
-            cairn_core::bake(&job.scene, &job.params, &mut cairn_core::input::observer::Silent).expect("it bakes");
+        let tree = cairn_wire::scene_file::SceneTree::load(&path).expect("a sound scene file");
+        let job = cairn_job::Job::read(&tree.to_message()).expect("sound models");
+        let again = cairn_core::bake(&job.scene, &job.params, &mut cairn_input::observer::Silent).expect("it bakes");
         assert!(recipe.control.is_some() || again.pile.bodies.len() == bake.pile.bodies.len());
-        let apart = |(a, b): (&cairn_core::geometry::pose::Pose, &cairn_core::geometry::pose::Pose)| {
-            a.translation.distance(b.translation)
-        };
+        let apart =
+            |(a, b): (&cairn_geometry::pose::Pose, &cairn_geometry::pose::Pose)| a.translation.distance(b.translation);
         // Files have single precision: the beginning is the same, as far as that goes.
         let largest = bake.pile.frames[0].iter().zip(&again.pile.frames[0]).map(apart).fold(0.0, f64::max);
         assert!(recipe.control.is_some() || largest < 1e-5 * recipe.size, "{largest} m apart in the beginning");

@@ -5,10 +5,9 @@
 
 use crate::files::encode;
 use crate::files::pile_of;
-use cairn::files;
-use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn_core::asset::{self, Limits, Source};
-use cairn_core::geometry::pose::Pose;
+use cairn_export::{ExportScene, Format, SourceModel};
+use cairn_geometry::pose::Pose;
+use cairn_input::asset::{self, Limits, Source};
 use glam::{DQuat, DVec3};
 use std::path::{Path, PathBuf};
 
@@ -43,7 +42,7 @@ fn what_can_be_read_can_be_written() {
         let bytes = std::fs::read(&path).unwrap();
         let beside = path.parent().unwrap();
         let resolve = |relative: &str| {
-            let path = files::beside(beside, relative).ok_or("it leads away")?;
+            let path = cairn_files::beside(beside, relative).ok_or("it leads away")?;
             std::fs::read(path).map_err(|error| error.to_string())
         };
         let limits = Limits::default();

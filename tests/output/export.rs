@@ -3,8 +3,8 @@
 use crate::files::encode;
 use crate::files::{self, FAR, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
-use cairn::model::export::Format::{Csv, Glb, Json};
-use cairn::model::export::{ExportError, ExportScene, SourceModel, write};
+use cairn_export::Format::{Csv, Glb, Json};
+use cairn_export::{ExportError, ExportScene, SourceModel, write};
 use glam::{DMat4, DVec3};
 use serde_json::{Value, json};
 use std::path::Path;

@@ -3,11 +3,11 @@
 
 use crate::files::{PNG, encode, no_files, pile_of};
 use crate::reader::json_of;
-use cairn::files::Disk;
-use cairn::model::export::{ExportScene, Format, SourceModel, rehearse};
-use cairn_core::asset::{self, Asset, AssetProblem, Limits, Source};
-use cairn_core::geometry::pose::Pose;
+use cairn_export::{ExportScene, Format, SourceModel, rehearse};
+use cairn_files::Disk;
+use cairn_geometry::pose::Pose;
 use cairn_gltf::Resolver;
+use cairn_input::asset::{self, Asset, AssetProblem, Limits, Source};
 use glam::{DQuat, DVec3};
 use serde_json::{Value, json};
 use std::path::Path;

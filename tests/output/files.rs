@@ -2,10 +2,10 @@
 
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
-use cairn::model::export::{ExportError, ExportScene, Format};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::prepare::shape::Solid;
 use cairn_core::report::bake::{BakedBody, BakedPile, BakedSolid, BakedWorld};
+use cairn_engine::shape::Solid;
+use cairn_export::{ExportError, ExportScene, Format};
+use cairn_geometry::pose::Pose;
 use glam::{DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 
@@ -182,5 +182,5 @@ pub fn kit_nodes() -> Vec<(&'static [&'static str], DMat4)> {
 
 /// The bytes of a result's own file.
 pub fn encode(format: Format, pile: &BakedPile, scene: &ExportScene) -> Result<Vec<u8>, ExportError> {
-    cairn::model::export::encode(format, pile, scene).map(|encoded| encoded.bytes)
+    cairn_export::encode(format, pile, scene).map(|encoded| encoded.bytes)
 }

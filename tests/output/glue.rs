@@ -3,13 +3,13 @@
 use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::reader::{json_of, read_valid, world_matrix};
-use cairn::job::Job;
-use cairn::job::reuse::BakeCache;
-use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn::scene_file::SceneTree;
-use cairn_core::input::observer::{Frame, Observer, Progress};
 use cairn_core::report::bake::{Bake, BakedPile};
 use cairn_core::report::{BakedGlue, BakedGlueDot};
+use cairn_export::{ExportScene, Format, SourceModel};
+use cairn_input::observer::{Frame, Observer, Progress};
+use cairn_job::Job;
+use cairn_job::reuse::BakeCache;
+use cairn_wire::scene_file::SceneTree;
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;

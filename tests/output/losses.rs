@@ -5,11 +5,11 @@
 use crate::collection::collection;
 use crate::files::{PNG, encode, no_files, pile_of};
 use crate::reader::json_of;
-use cairn::files::{Disk, FileSource};
-use cairn::job::InputFile;
-use cairn::model::export::{ExportScene, Format, SourceModel, rehearse};
-use cairn_core::asset::{self, Limits, Source};
-use cairn_core::geometry::pose::Pose;
+use cairn_export::{ExportScene, Format, SourceModel, rehearse};
+use cairn_files::{Disk, FileSource};
+use cairn_geometry::pose::Pose;
+use cairn_input::asset::{self, Limits, Source};
+use cairn_job::InputFile;
 use glam::{DQuat, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

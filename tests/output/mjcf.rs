@@ -1,11 +1,11 @@
 //! Models for MuJoCo. `tests/elsewhere/` opens them there.
 
 use crate::files::{encode, no_files, pile_of, textured_cube, tumbling};
-use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Model, StaticModel};
 use cairn_core::report::BakedGlue;
+use cairn_export::{ExportScene, Format, SourceModel};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::scene::{Model, StaticModel};
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -67,7 +67,7 @@ fn what_the_scene_keeps_and_scenery_stand_still() {
     pile.bodies[1].is_pinned = true;
     pile.bodies[0].mass_factor = 3.0;
     pile.scenery = vec![vec![Pose::IDENTITY, Pose { translation: DVec3::Y, ..Pose::IDENTITY }]];
-    let encoded = cairn::model::export::encode(Format::Mjcf, &pile, &scene).unwrap();
+    let encoded = cairn_export::encode(Format::Mjcf, &pile, &scene).unwrap();
     let [left_out] = &encoded.left_out[..] else { panic!("{:?}", encoded.left_out) };
     assert!(left_out.starts_with("scenery: 1 of its 2 triangles are not in the MuJoCo model"), "{left_out}");
     let text = String::from_utf8(encoded.bytes).unwrap();

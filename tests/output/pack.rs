@@ -1,13 +1,13 @@
 //! A pack: meshes, colliders, instances, skeleton and textures of a result.
 
 use crate::files::{encode, no_files, pile_of, textured_cube, tumbling};
-use cairn::model::export::pack::{Manifest, PackError, PackOptions, PackedFile, pack};
-use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn::model::render::RenderModel;
-use cairn_core::geometry::pose::Pose;
 use cairn_core::report::bake::BakedPile;
+use cairn_export::pack::{Manifest, PackError, PackOptions, PackedFile, pack};
+use cairn_export::{ExportScene, Format, SourceModel};
+use cairn_geometry::pose::Pose;
 use cairn_gltf::Document;
 use cairn_gltf::document::references;
+use cairn_render::RenderModel;
 use exr::prelude::{ReadChannels, ReadLayers, read};
 use glam::{DAffine3, DMat4, DQuat, DVec3};
 use serde_json::Value;

@@ -1,12 +1,12 @@
 //! A `.glb` for engines, and one of collision shapes.
 
 use crate::files::{encode, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
-use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::scene::{Model, StaticModel};
-use cairn_core::prepare::shape::Solid;
 use cairn_core::report::BakedGlue;
 use cairn_core::report::bake::BakedPile;
+use cairn_engine::shape::Solid;
+use cairn_export::{ExportScene, Format, SourceModel};
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::scene::{Model, StaticModel};
 use glam::DVec3;
 use serde_json::{Value, json};
 

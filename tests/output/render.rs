@@ -3,10 +3,10 @@
 use crate::files::encode;
 use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
 use crate::glue::dot;
-use cairn::model::export::{ExportScene, Format, SourceModel};
-use cairn::model::render::{Moment, RenderError, RenderModel, Settings, render, views};
-use cairn_core::geometry::pose::Pose;
 use cairn_core::report::BakedGlue;
+use cairn_export::{ExportScene, Format, SourceModel};
+use cairn_geometry::pose::Pose;
+use cairn_render::{Moment, RenderError, RenderModel, Settings, render, views};
 use glam::{DQuat, DVec3};
 use image::RgbImage;
 use serde_json::{Value, json};

@@ -1,12 +1,12 @@
 //! Bakes written as USD. That USD's own library reads the same is tested in `tests/usd`.
 
 use crate::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
-use cairn::model::export::Format::{Glb, Usda, Usdc, Usdz};
-use cairn::model::export::{ExportScene, Layout, PartPrim, SourceModel, UsdAsset, as_gltf, encode, origin, write};
-use cairn::model::render::{Moment, RenderModel, Settings, render};
-use cairn::wire::proto::UsdMotion;
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
+use cairn_export::Format::{Glb, Usda, Usdc, Usdz};
+use cairn_export::{ExportScene, Layout, PartPrim, SourceModel, UsdAsset, as_gltf, encode, origin, write};
+use cairn_render::{Moment, RenderModel, Settings, render};
+use cairn_wire::proto::UsdMotion;
 use glam::DVec3;
 use image::RgbImage;
 use serde_json::{Value, json};

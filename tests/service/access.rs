@@ -1,9 +1,9 @@
 //! Access: tokens, addresses and sockets.
 
 use crate::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
-use cairn::client::{Connection, Target};
-use cairn::wire::proto::pile_service_client::PileServiceClient;
-use cairn::wire::proto::{BakeState, ListBakesRequest};
+use cairn_service::api::pile_service_client::PileServiceClient;
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::{BakeState, ListBakesRequest};
 use std::io::{Read, Write};
 use tokio_stream::StreamExt;
 use tonic::Code;
@@ -126,8 +126,7 @@ async fn settings_from_file_environment_and_flags() {
     let file = folder.path().join("cairn.toml");
     std::fs::write(&file, "workers = 5\nqueue = 6\nstore_mib = 7\n").unwrap();
     let server = Server::start_in(folder.path(), &["--config", "cairn.toml", "--queue", "9"]);
-    let info =
-        server.connect().await.service.get_server_info(cairn::wire::proto::GetServerInfoRequest::default()).await;
+    let info = server.connect().await.service.get_server_info(cairn_wire::proto::GetServerInfoRequest::default()).await;
     let limits = info.unwrap().into_inner().limits.unwrap();
     assert_eq!((limits.worker_count, limits.queue_size, limits.max_store_bytes), (5, 9, 7 << 20));
     drop(server);

@@ -2,8 +2,8 @@
 
 use crate::server::{PROGRAM, Server, accepted_id, assert_fault, events, fields, request, sha256, short, within};
 use bytes::Bytes;
-use cairn::client::Connection;
-use cairn::wire::proto::{AnalysePileRequest, AnalysePileResponse, AssetReference};
+use cairn_service::client::Connection;
+use cairn_wire::proto::{AnalysePileRequest, AnalysePileResponse, AssetReference};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -66,7 +66,7 @@ async fn a_bake_is_analysed_by_its_id() {
         pile.gravity > 9.0 && pile.ground_height.is_some() && parts.iter().filter(|p| p.pile.is_some()).count() == 1
     );
     // As anybody who has the file would be answered.
-    let result = connection.download(&accepted_id(&answer), cairn::wire::proto::Artifact::Result).await.unwrap();
+    let result = connection.download(&accepted_id(&answer), cairn_wire::proto::Artifact::Result).await.unwrap();
     let by_file = about(&mut connection, "pile.glb", &result).await;
     assert_eq!(asked(&mut connection, by_file).await.unwrap().last(), parts.last());
     // Wider friction, other answers.

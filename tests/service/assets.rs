@@ -1,7 +1,7 @@
 //! Uploads: whole, broken, too large, and from hostile callers.
 
 use crate::server::{Server, assert_fault, sha256};
-use cairn::wire::proto::{AssetHeader, HaveAssetsRequest, UploadAssetRequest};
+use cairn_wire::proto::{AssetHeader, HaveAssetsRequest, UploadAssetRequest};
 use tonic::{Code, Status};
 
 fn header(sha256: String, size_bytes: i64) -> UploadAssetRequest {
@@ -81,8 +81,8 @@ async fn uploads_are_bounded() {
     let refused = upload(&server, vec![header(sha256(b"x"), 1), chunk(b"x")]).await.unwrap_err();
     let details = assert_fault(&refused, Code::ResourceExhausted, "TOO_MANY_CALLS");
     assert!(details.retry_info().is_some());
-    let other = cairn::client::Target { address: socket, ..Default::default() };
-    let mut other = cairn::client::Connection::open(&other).await.unwrap();
+    let other = cairn_service::client::Target { address: socket, ..Default::default() };
+    let mut other = cairn_service::client::Connection::open(&other).await.unwrap();
     other.upload(&[(sha256(b"y"), b"y".to_vec().into())].into()).await.unwrap();
     let (sender, call) = open.pop().unwrap();
     drop(sender);

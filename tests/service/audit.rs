@@ -2,8 +2,8 @@
 
 use crate::callers::until_logged;
 use crate::server::{Server, accepted_id, begin, endless, events, request, short};
-use cairn::client::{Connection, Target};
-use cairn::wire::proto::PlanBakeRequest;
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::PlanBakeRequest;
 use tonic::Code;
 
 /// The line of a stream has its final status and its bake.

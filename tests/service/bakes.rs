@@ -4,8 +4,8 @@ use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, content, events, fields, numbered, poses, request, sha256,
     short, spec, status, take, until, watch,
 };
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{
     Accuracy, Artifact, AssetReference, BakeEvent, BakeRequest, BakeState, ControlMode, DeleteBakeRequest,
     DownloadResultRequest, FrameSelection, GetBakeRequest, GetServerInfoRequest, Goal, ListBakesRequest, OutputFormat,
     PlanBakeRequest, Prop, Stage, WatchBakeRequest, goal,
@@ -154,7 +154,7 @@ fn is_of_result(event: &BakeEvent) -> bool {
     matches!(&event.kind, Some(Kind::Frame(frame)) if frame.stage() != Stage::Fill)
 }
 
-async fn download(connection: &mut cairn::client::Connection, id: &str, artifact: i32) -> Vec<u8> {
+async fn download(connection: &mut cairn_service::client::Connection, id: &str, artifact: i32) -> Vec<u8> {
     let request = DownloadResultRequest { bake_id: id.into(), artifact, ..Default::default() };
     let mut parts = connection.service.download_result(request).await.unwrap().into_inner();
     let (mut file, mut size) = (Vec::new(), 0);

@@ -1,8 +1,8 @@
 //! Several callers, each with its own rights and limits.
 
 use crate::server::{Server, assert_fault, command, endless, request, short, take};
-use cairn::client::{Connection, Target};
-use cairn::wire::proto::{
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::{
     BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
     HaveAssetsRequest, ListBakesRequest, WatchBakeRequest,
 };

@@ -1,8 +1,8 @@
 //! TLS, and callers identified by certificates.
 
 use crate::server::{Server, assert_fault, command};
-use cairn::client::{Connection, Target};
-use cairn::wire::proto::ListBakesRequest;
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::ListBakesRequest;
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
 use std::path::Path;
 use std::time::{Duration, SystemTime};

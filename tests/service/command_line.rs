@@ -3,8 +3,8 @@
 use crate::server::{
     PROGRAM, Server, accepted_id, asset, begin, content, endless, events, request, sha256, short, status, until,
 };
-use cairn::client::Connection;
-use cairn::wire::proto::{BakeState, BakeStatus, DeleteBakeRequest, ListBakesRequest};
+use cairn_service::client::Connection;
+use cairn_wire::proto::{BakeState, BakeStatus, DeleteBakeRequest, ListBakesRequest};
 use prost::Message;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};

@@ -1,8 +1,8 @@
 //! Bakes that nobody follows: begun one by one or many at once, and reported at their end.
 
 use crate::server::{Server, assert_fault, command, fields, sha256, short, until};
-use cairn::wire::proto::created_bake::Outcome;
-use cairn::wire::proto::{BakeState, BatchCreateBakesRequest, CreateBakeRequest};
+use cairn_wire::proto::created_bake::Outcome;
+use cairn_wire::proto::{BakeState, BatchCreateBakesRequest, CreateBakeRequest};
 use hmac::{Hmac, KeyInit, Mac};
 use sha2::Sha256;
 use std::time::Duration;
@@ -107,13 +107,13 @@ async fn a_copy_of_the_data_is_a_backup() {
     let mut connection = server.ready().await;
     let bake = connection.service.create_bake(asked(1)).await.unwrap().into_inner().bake.unwrap();
     until(&mut connection, &bake.bake_id, BakeState::Succeeded).await;
-    let expected = connection.download(&bake.bake_id, cairn::wire::proto::Artifact::Result).await.unwrap();
+    let expected = connection.download(&bake.bake_id, cairn_wire::proto::Artifact::Result).await.unwrap();
     let copy = tempfile::tempdir().unwrap();
     let copied = std::process::Command::new("cp").arg("-r").arg(server.path("data")).arg(copy.path()).status().unwrap();
     assert!(copied.success());
     let restored = Server::start_in(copy.path(), &[]);
     let mut connection = restored.connect().await;
-    assert!(connection.download(&bake.bake_id, cairn::wire::proto::Artifact::Result).await.unwrap() == expected);
+    assert!(connection.download(&bake.bake_id, cairn_wire::proto::Artifact::Result).await.unwrap() == expected);
     drop(restored);
 
     std::fs::write(copy.path().join("data/version"), "2\n").unwrap();

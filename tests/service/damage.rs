@@ -1,9 +1,9 @@
 //! Foreign changes in a server's folder: other files, and truncated, emptied or changed ones.
 
 use crate::server::{Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch};
-use cairn::client::Connection;
-use cairn::wire::proto::pile_service_client::PileServiceClient;
-use cairn::wire::proto::{
+use cairn_service::api::pile_service_client::PileServiceClient;
+use cairn_service::client::Connection;
+use cairn_wire::proto::{
     Artifact, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
     GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest, PlanBakeRequest, WatchBakeRequest,
 };

@@ -4,10 +4,10 @@ use crate::server::{
     Server, accepted_id, assert_contiguous, assert_fault, begin, endless, events, long, numbered, request, short,
     status, take, until, watch, within,
 };
-use cairn::client::{Connection, Target};
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::pile_service_client::PileServiceClient;
-use cairn::wire::proto::{
+use cairn_service::api::pile_service_client::PileServiceClient;
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{
     Artifact, BakeEvent, BakeRequest, BakeResponse, BakeSpec, BakeState, BakeStatus, CancelBakeRequest,
     WatchBakeRequest, WatchBakeResponse,
 };
@@ -30,8 +30,7 @@ async fn cancel_ends_the_physics() {
     let queued = begin(&mut connection, endless(2)).await;
     let id = {
         let mut watched = connection.clone();
-        let id =
-            watched.service.list_bakes(cairn::wire::proto::ListBakesRequest::default()).await.unwrap().into_inner();
+        let id = watched.service.list_bakes(cairn_wire::proto::ListBakesRequest::default()).await.unwrap().into_inner();
         id.bakes.last().unwrap().bake_id.clone()
     };
     until(&mut connection, &id, BakeState::Running).await;
@@ -84,7 +83,7 @@ async fn bakes_without_a_result_are_forgotten_in_the_end() {
     assert_eq!(folders(), 1001);
     assert_eq!(status(&mut connection, &accepted_id(&received)).await.state(), BakeState::Succeeded);
     assert_eq!(status(&mut connection, &cancelled(11).bake_id).await.state(), BakeState::Cancelled);
-    let oldest = cairn::wire::proto::GetBakeRequest { bake_id: cancelled(10).bake_id };
+    let oldest = cairn_wire::proto::GetBakeRequest { bake_id: cancelled(10).bake_id };
     assert_eq!(connection.service.get_bake(oldest).await.unwrap_err().code(), Code::NotFound);
 }
 

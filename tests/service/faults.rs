@@ -5,8 +5,8 @@
 use crate::server::{
     PROGRAM, Server, accepted_id, assert_fault, command, content, events, request, sha256, short, status, watch,
 };
-use cairn::client::Connection;
-use cairn::wire::proto::{
+use cairn_service::client::Connection;
+use cairn_wire::proto::{
     Artifact, BakeEvent, BakeRequest, BakeResponse, BakeState, DeleteBakeRequest, DownloadResultRequest,
     ListBakesRequest, PlanBakeRequest,
 };

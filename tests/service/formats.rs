@@ -1,8 +1,8 @@
 //! Formats of results: one bake gives all of them.
 
 use crate::server::{Server, accepted_id, assert_fault, events, fields, request, sha256, short};
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{Artifact, DeleteBakeRequest, DownloadResultRequest, OutputFormat, UpAxis, UsdLayout};
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{Artifact, DeleteBakeRequest, DownloadResultRequest, OutputFormat, UpAxis, UsdLayout};
 use tonic::Code;
 
 /// The result of a bake in any format is that of a bake in this format.
@@ -39,7 +39,7 @@ async fn one_bake_gives_every_format() {
                 made.push(result.first.sha256.clone());
             }
             if ![OutputFormat::Json, OutputFormat::Csv, OutputFormat::Pack].contains(&format) {
-                let origin = cairn::model::export::origin(&result.bytes).unwrap();
+                let origin = cairn_export::origin(&result.bytes).unwrap();
                 assert_eq!(origin["result_blake3"], summary.result_blake3.as_str());
                 assert_eq!(origin["request_blake3"], id.as_str());
             }

@@ -2,7 +2,7 @@
 //! folder of a server with one finished bake, the results of it and of a bake without a server, its scene, and a cache.
 
 use crate::server::{PROGRAM, Server};
-use cairn::wire::proto::{Artifact, BakeState, ListBakesRequest};
+use cairn_wire::proto::{Artifact, BakeState, ListBakesRequest};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::process::Command;

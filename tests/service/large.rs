@@ -1,8 +1,8 @@
 //! Scenes of very many bodies.
 
 use crate::server::{Server, accepted_id, assert_fault, content, request, sha256, take};
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{Artifact, AssetReference, BakeSpec, Body, CancelBakeRequest, PlanBakeRequest, Prop, Scene};
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{Artifact, AssetReference, BakeSpec, Body, CancelBakeRequest, PlanBakeRequest, Prop, Scene};
 use tonic::Code;
 
 /// Cubes far from each other, each with all its values.

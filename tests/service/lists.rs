@@ -1,7 +1,7 @@
 //! Lists of very many bakes.
 
 use crate::server::Server;
-use cairn::wire::proto::{BakeState, BakeStatus, ListBakesRequest};
+use cairn_wire::proto::{BakeState, BakeStatus, ListBakesRequest};
 use prost::Message;
 
 /// A page size above the limit gives the largest page, as in AIP-158.

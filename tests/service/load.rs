@@ -3,8 +3,8 @@
 use crate::server::{
     Server, accepted_id, assert_fault, begin, channel, endless, events, fields, request, short, until,
 };
-use cairn::client::{Connection, Target};
-use cairn::wire::proto::{BakeState, ListBakesRequest, PlanBakeRequest};
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::{BakeState, ListBakesRequest, PlanBakeRequest};
 use std::collections::BTreeSet;
 use std::time::Duration;
 use tonic::Code;
@@ -24,7 +24,7 @@ async fn a_full_queue_refuses_and_says_when_to_come_back() {
     // A request for a running bake is not refused.
     assert_eq!(begin(&mut connection, endless(1)).await, first);
     // A plan does not need a bake's permit.
-    let plan = cairn::wire::proto::PlanBakeRequest { spec: Some(endless(3)) };
+    let plan = cairn_wire::proto::PlanBakeRequest { spec: Some(endless(3)) };
     connection.service.plan_bake(plan).await.unwrap();
 }
 

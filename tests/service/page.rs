@@ -1,6 +1,6 @@
 //! `proto/README.md` and `examples/guide/scene.md` match the comments of the schema. `UPDATE_PAGE=1` writes them again.
 
-use cairn::scene_file::schema::{self, comment, plain};
+use cairn_wire::scene_file::schema::{self, comment, plain};
 use prost_reflect::{EnumDescriptor, FileDescriptor, Kind, MessageDescriptor, MethodDescriptor};
 use std::fmt::Write;
 use std::path::Path;

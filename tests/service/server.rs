@@ -1,12 +1,12 @@
 //! A server in its own folder, and scenes for it.
 
-use cairn::client::{Connection, Target};
-use cairn::scene_file::SceneTree;
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{
+use cairn_service::client::{Connection, Target};
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{
     AssetReference, BakeEvent, BakeRequest, BakeSpec, BakeState, BakeStatus, ControlMesh, GetBakeRequest, Prop, Scene,
     WatchBakeRequest,
 };
+use cairn_wire::scene_file::SceneTree;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::io::{BufRead, BufReader};
@@ -226,13 +226,13 @@ pub trait Event {
     fn event(self) -> BakeEvent;
 }
 
-impl Event for cairn::wire::proto::BakeResponse {
+impl Event for cairn_wire::proto::BakeResponse {
     fn event(self) -> BakeEvent {
         self.event.unwrap()
     }
 }
 
-impl Event for cairn::wire::proto::WatchBakeResponse {
+impl Event for cairn_wire::proto::WatchBakeResponse {
     fn event(self) -> BakeEvent {
         self.event.unwrap()
     }
@@ -269,7 +269,7 @@ pub async fn status(server: &mut Connection, id: &str) -> BakeStatus {
     server.service.get_bake(request).await.unwrap().into_inner().bake.unwrap()
 }
 
-pub async fn watch(server: &mut Connection, id: &str, from: i64) -> Streaming<cairn::wire::proto::WatchBakeResponse> {
+pub async fn watch(server: &mut Connection, id: &str, from: i64) -> Streaming<cairn_wire::proto::WatchBakeResponse> {
     let request = WatchBakeRequest { bake_id: id.into(), from_sequence_number: from, frames: 0 };
     server.service.watch_bake(request).await.unwrap().into_inner()
 }

@@ -3,8 +3,8 @@
 
 use crate::server::{Server, fields, short};
 use bytes::{Buf, BufMut, Bytes};
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{self, BakeEvent, BakeState, BakeStatus};
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{self, BakeEvent, BakeState, BakeStatus};
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, Value};
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -23,7 +23,7 @@ fn before() -> DescriptorPool {
 
 /// This schema with a field `next` in every message, and a value more in every enum.
 fn next() -> DescriptorPool {
-    let mut set = FileDescriptorSet::decode(&cairn::scene_file::schema::pool().encode_to_vec()[..]).unwrap();
+    let mut set = FileDescriptorSet::decode(&cairn_wire::scene_file::schema::pool().encode_to_vec()[..]).unwrap();
     for file in set.file.iter_mut().filter(|file| file.package() == "cairn.v1") {
         for message in &mut file.message_type {
             message.field.push(FieldDescriptorProto {

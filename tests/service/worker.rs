@@ -3,7 +3,7 @@
 use crate::server::{
     PROGRAM, Server, accepted_id, assert_fault, begin, endless, events, request, short, status, until,
 };
-use cairn::wire::proto::{BakeState, CancelBakeRequest};
+use cairn_wire::proto::{BakeState, CancelBakeRequest};
 use std::os::unix::fs::PermissionsExt;
 use tonic::Code;
 

@@ -3,11 +3,11 @@
 //!
 //!     cargo run --release --example acceptance -- --seeds 5
 
-use cairn_core::input::observer::{Observer, Progress};
-use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, Switch};
-use cairn_core::input::scene::{Model, Prop, Scene};
+use cairn_core::cache::NoCache;
 use cairn_core::report::Report;
-use cairn_core::stages::cache::NoCache;
+use cairn_input::observer::{Observer, Progress};
+use cairn_input::params::{Accuracy, ControlMode, GlueMode, Params, Switch};
+use cairn_input::scene::{Model, Prop, Scene};
 use clap::Parser;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -109,8 +109,8 @@ fn variants() -> [(&'static str, Change); 4] {
     ]
 }
 
-fn stage(stage: &cairn_core::input::observer::Stage) -> &'static str {
-    use cairn_core::input::observer::Stage;
+fn stage(stage: &cairn_input::observer::Stage) -> &'static str {
+    use cairn_input::observer::Stage;
     match stage {
         Stage::Shape => "shape",
         Stage::Fill => "fill",
@@ -135,14 +135,14 @@ fn scene(control: &str, prop: &str) -> Result<Scene, String> {
 fn model(name: &str) -> Result<Model, String> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name).with_extension("glb");
     let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let source = cairn_core::asset::Source {
+    let source = cairn_input::asset::Source {
         name,
         bytes: &bytes,
         node: None,
         resolve: &|uri| Err(format!("{uri}: the examples have no external files")),
         limits: Default::default(),
     };
-    let asset = cairn_core::asset::read(&source).map_err(|problems| format!("{problems:?}"))?;
+    let asset = cairn_input::asset::read(&source).map_err(|problems| format!("{problems:?}"))?;
     Ok(Model::new(name, asset.mesh))
 }
 

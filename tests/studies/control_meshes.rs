@@ -7,11 +7,11 @@
 
 mod collection;
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Params, ReleaseOrder};
-use cairn_core::input::scene::{Model, Prop, Scene};
 use cairn_core::{Error, bake};
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, Params, ReleaseOrder};
+use cairn_input::scene::{Model, Prop, Scene};
 use clap::Parser;
 use glam::DVec3;
 use std::collections::BTreeMap;

@@ -10,9 +10,9 @@
 
 use anyhow::{Context, ensure};
 use cairn::cost::Record;
-use cairn_core::prepare::estimate::{CostExponents, FEATURES, GLUED_RELEASE, LAWS};
-use cairn_core::prepare::packing;
-use cairn_core::stages::calibrate::calibrate;
+use cairn_core::calibrate::calibrate;
+use cairn_prepare::estimate::{CostExponents, FEATURES, GLUED_RELEASE, LAWS};
+use cairn_prepare::packing;
 use clap::Parser;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -61,7 +61,7 @@ fn main() -> anyhow::Result<()> {
     }
     println!(
         "pub const CALIBRATION_SECONDS: f64 = {:.4};",
-        calibrate(cairn::job::machine::cpu_seconds)? * cairn_core::prepare::estimate::CALIBRATION_SECONDS
+        calibrate(cairn_job::machine::cpu_seconds)? * cairn_prepare::estimate::CALIBRATION_SECONDS
     );
     let laws = fit_all(&runs.iter().collect::<Vec<_>>());
     for ((name, _), law) in STAGES.iter().zip(&laws) {

@@ -9,9 +9,8 @@
 //! large file took more than 300 MB. Its time is printed, not judged.
 
 use anyhow::{Context, ensure};
-use cairn::files;
-use cairn::job::machine;
-use cairn_core::asset::{self, Limits, Source};
+use cairn_input::asset::{self, Limits, Source};
+use cairn_job::machine;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -69,8 +68,8 @@ fn read(path: &Path, name: &str) -> anyhow::Result<Result<asset::Asset, Vec<asse
     let bytes = std::fs::read(path)?;
     let beside = path.parent().unwrap_or(Path::new(""));
     let resolve = |relative: &str| {
-        let path = files::beside(beside, relative).ok_or("it leads out of the file's own folder")?;
-        files::read(&path).map_err(|problem| problem.to_string())
+        let path = cairn_files::beside(beside, relative).ok_or("it leads out of the file's own folder")?;
+        cairn_files::read(&path).map_err(|problem| problem.to_string())
     };
     Ok(asset::read(&Source { name, bytes: &bytes, node: None, resolve: &resolve, limits: Limits::default() }))
 }

@@ -6,14 +6,15 @@
 mod piles;
 
 use anyhow::{Context, anyhow};
-use cairn_core::geometry::interior::MeshInterior;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::measure::{Instances, ShapeMeasurer, kept_shape};
-use cairn_core::sim::instance::Instance;
-use cairn_core::sim::pile::Pile;
-use cairn_core::stages::glue::{Ends, Sites, Watch, release_trial};
-use cairn_core::world::BodyId;
+use cairn_core::glue::{Ends, Watch, release_trial};
+use cairn_engine::world::BodyId;
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::measure::{Instances, ShapeMeasurer, kept_shape};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_motion::glue::sites::Sites;
+use cairn_motion::instance::Instance;
+use cairn_motion::pile::Pile;
 use cairn_statics::glue::{self, GlueJoint, GlueOptions, GluePlacement, MOST_ROUNDS, interior_point};
 use clap::Parser;
 use cpu_time::ProcessTime;

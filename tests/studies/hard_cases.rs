@@ -7,9 +7,9 @@
 #[path = "../hard/rows/mod.rs"]
 mod rows;
 
-use cairn_core::input::observer::Silent;
-use cairn_core::sim::guard::Guard;
-use cairn_core::world::{Insertion, Units, World};
+use cairn_engine::world::{Insertion, Units, World};
+use cairn_input::observer::Silent;
+use cairn_motion::guard::Guard;
 use clap::Parser;
 use rows::engines::Engine;
 use rows::{Extent, Row};
@@ -68,9 +68,8 @@ fn guard_cost() {
     let stick = rows::scenes::prop("stick", rows::scenes::block(glam::DVec3::new(0.5, 0.05, 0.05)), 0.7);
     let scene = rows::scenes::placed(stick, rows::scenes::cloud(600, 12, 0.6, 1));
     let params = rows::engines::params(Engine::Uncontrolled, 1.0);
-    let checked = cairn_core::prepare::check::run(&scene, &params).expect("a sound scene");
-    let shapes =
-        cairn_core::prepare::shape::run(&scene, &params, &checked.sizes, &mut Silent).expect("props with volume");
+    let checked = cairn_prepare::check::run(&scene, &params).expect("a sound scene");
+    let shapes = cairn_engine::shape::run(&scene, &params, &checked.sizes, &mut Silent).expect("props with volume");
     let units = Units::new(checked.diameter, shapes[0].mass, params.gravity);
     let world = || {
         let mut world = World::new(units, &params.physics, shapes[0].thickness() / units.length, false);
@@ -83,7 +82,7 @@ fn guard_cost() {
         world
     };
     let summaries: Vec<_> = shapes.iter().map(|shape| shape.summary()).collect();
-    let resolved = cairn_core::prepare::effects::Resolved::new(&scene, &params, &checked, &summaries);
+    let resolved = cairn_prepare::effects::Resolved::new(&scene, &params, &checked, &summaries);
     let mut ratios = Vec::new();
     for _ in 0..ROUNDS {
         let (mut plain, mut guarded) = (world(), world());

@@ -12,13 +12,13 @@
 mod piles;
 
 use cairn_core::Error;
-use cairn_core::input::observer::{Observer, Progress, Silent};
-use cairn_core::input::params::{self, Params};
-use cairn_core::sim::control::BodyProblem;
-use cairn_core::sim::step::Simulation;
-use cairn_core::stages::hold;
-use cairn_core::stages::release;
-use cairn_core::world::{Resistance, Role, World};
+use cairn_core::release;
+use cairn_engine::world::{Resistance, Role, World};
+use cairn_input::observer::{Observer, Progress, Silent};
+use cairn_input::params::{self, Params};
+use cairn_motion::control::BodyProblem;
+use cairn_motion::hold;
+use cairn_motion::step::Simulation;
 use cairn_statics::local::{
     Analyser, Candidacy, CandidateRules, Fit, FrictionLaw, Options, ReserveRule, Solver, SpreadRule,
 };

@@ -9,10 +9,10 @@
 mod serving;
 
 use anyhow::{Result, ensure};
-use cairn::client::Connection;
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::pile_service_client::PileServiceClient;
-use cairn::wire::proto::{Artifact, DeleteBakeRequest, Summary};
+use cairn_service::api::pile_service_client::PileServiceClient;
+use cairn_service::client::Connection;
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{Artifact, DeleteBakeRequest, Summary};
 use serving::{Server, asset, program, read, request, sha256};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -13,8 +13,8 @@
 mod serving;
 
 use anyhow::{Context, Result, ensure};
-use cairn::client::Connection;
-use cairn::wire::proto::{
+use cairn_service::client::Connection;
+use cairn_wire::proto::{
     AssetHeader, BakeRequest, BakeState, CancelBakeRequest, GetServerInfoRequest, ListBakesRequest, UploadAssetRequest,
 };
 use clap::Parser;
@@ -233,7 +233,13 @@ fn endless(seed: i64) -> BakeRequest {
 }
 
 /// One call of a habit, from its beginning to its end.
-async fn once(habit: &str, seed: i64, mut connection: Connection, target: &cairn::client::Target, tally: &Shared) {
+async fn once(
+    habit: &str,
+    seed: i64,
+    mut connection: Connection,
+    target: &cairn_service::client::Target,
+    tally: &Shared,
+) {
     let began = Instant::now();
     let count = |answer: &Result<(), Status>| tally.lock().expect("no task panicked").count(began, answer);
     let service = &mut connection.service;
@@ -308,9 +314,9 @@ async fn once(habit: &str, seed: i64, mut connection: Connection, target: &cairn
     }
 }
 
-fn id_of(event: &cairn::wire::proto::BakeEvent) -> String {
+fn id_of(event: &cairn_wire::proto::BakeEvent) -> String {
     match &event.kind {
-        Some(cairn::wire::proto::bake_event::Kind::Accepted(accepted)) => accepted.bake_id.clone(),
+        Some(cairn_wire::proto::bake_event::Kind::Accepted(accepted)) => accepted.bake_id.clone(),
         _ => String::new(),
     }
 }

@@ -4,8 +4,8 @@
 
 mod piles;
 
-use cairn_core::input::observer::{Silent, Stage};
-use cairn_core::sim::control::BodyProblem;
+use cairn_input::observer::{Silent, Stage};
+use cairn_motion::control::BodyProblem;
 use cairn_statics::local::{
     Analyser, Candidacy, CandidateRules, FrictionLaw, Options, ReserveRule, Solver, SpreadRule,
 };

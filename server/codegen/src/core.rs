@@ -1,4 +1,4 @@
-//! Types, defaults and ranges, for `cairn_core::input::params`.
+//! Types, defaults and ranges, for `cairn_input::params`.
 
 use crate::{Group, Parameter, Range, Schema, Value, camel, measure, variants};
 use std::fmt::Write;

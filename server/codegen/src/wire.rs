@@ -62,7 +62,7 @@ fn twins(code: &mut String, of: &EnumDescriptor, module: &str) {
     for value in of.values().filter(|value| value.name() == CHOSEN) {
         writeln!(from, "proto::{name}::{} => None,", variant(of, value.name())).unwrap();
     }
-    let core = format!("use cairn_core::input::{module}::{name} as Core;");
+    let core = format!("use cairn_input::{module}::{name} as Core;");
     writeln!(
         code,
         "const _: () = {{\n{core}\n\

@@ -3,87 +3,86 @@
 //! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of
 //! the one before:
 //!
-//! 1. **Prepare** ([`prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the closed
+//! 1. **Prepare** ([`cairn_prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the closed
 //!    control mesh becomes a container.
-//! 2. **Fill** ([`stages::fill`]): props fill the container under upward gravity, as if it stood on its head, and
+//! 2. **Fill** ([`fill`]): props fill the container under upward gravity, as if it stood on its head, and
 //!    settle in it.
-//! 3. **Turn over** ([`stages::turn_over`]): the container is gone, gravity points down, and every body waits in place.
-//! 4. **Glue** ([`stages::glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
-//! 5. **Release** ([`stages::release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
-//!    the control ([`sim::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
+//! 3. **Turn over** ([`turn_over`]): the container is gone, gravity points down, and every body waits in place.
+//! 4. **Glue** ([`glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
+//! 5. **Release** ([`release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
+//!    the control ([`cairn_motion::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
 //!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`stages::hold`]): until the pile rests. Bodies may then be taken away ([`stages::taking_apart`]), and
-//!    visible meshes separated ([`stages::separate`]).
+//! 6. **Hold** ([`cairn_motion::hold`]): until the pile rests. Bodies may then be taken away ([`cairn_show::taking_apart`]), and
+//!    visible meshes separated ([`separate`]).
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness. A caller builds a [`Scene`] (the meshes),
 //! [`Params`] (from a preset) and an [`Observer`] (progress, cancel, frames, clock):
 //!
 //! ```no_run
-//! use cairn_core::input::observer::Silent;
-//! use cairn_core::input::params::{Accuracy, Params};
-//! use cairn_core::input::scene::{Model, Prop, Scene};
+//! use cairn_input::observer::Silent;
+//! use cairn_input::params::{Accuracy, Params};
+//! use cairn_input::scene::{Model, Prop, Scene};
 //! # fn read(_: &str) -> Model { Model::default() }
 //!
 //! let (control, props) = (Some(read("cone.glb")), vec![Prop::new(read("stick.glb"))]);
 //! let scene = Scene { control, props, ..Scene::default() };
 //! let bake = cairn_core::bake(&scene, &Params::new(Accuracy::Standard), &mut Silent)?;
 //! println!("{} bodies, {} frames", bake.pile.bodies.len(), bake.pile.frames[0].len());
-//! # Ok::<(), cairn_core::Error>(())
+//! # Ok::<(), cairn_input::Error>(())
 //! ```
 //!
-//! Meshes are read from glTF files by [`asset::read`].
+//! Meshes are read from glTF files by [`cairn_input::asset::read`].
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
-pub mod analysis;
-pub mod asset;
-pub mod error;
-pub mod geometry;
-pub mod input;
-pub mod invariants;
-pub mod measure;
-mod platform;
-pub mod prepare;
+pub mod cache;
+pub mod calibrate;
+mod containers;
+pub mod fill;
+pub mod free_pour;
+pub mod free_standing;
+pub mod glue;
+pub mod release;
 pub mod report;
-pub mod sim;
-pub mod stages;
+pub mod separate;
 #[cfg(test)]
+#[path = "../../testing/messages.rs"]
 mod testing;
-pub mod world;
+pub mod turn_over;
 
-pub use error::Error;
+pub use cairn_input::Error;
 
-use analysis::{AnalysisOptions, PileAnalysis};
-use error::SceneProblem;
-use geometry::interior::DistanceGrid;
-use geometry::pose::Pose;
-use input::observer::{Observer, Silent, Stage};
-use input::params::{Params, ReleaseOrder, Switch};
-use input::scene::{Prop, Scene, StaticModel};
-use prepare::check::{self, CheckedScene};
-use prepare::container::{Container, grid};
-use prepare::effects::{EffectName, Resolved};
-use prepare::estimate::{self, Estimate, Workload};
-use prepare::plan::{self, Plan};
-use prepare::shape::{self, Shape, ShapeSummary};
+use cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
+use cairn_analysis::{AnalysisOptions, PileAnalysis};
+use cairn_engine::shape::{self, Shape, ShapeSummary};
+use cairn_engine::units::Units;
+use cairn_geometry::interior::DistanceGrid;
+use cairn_geometry::pose::Pose;
+use cairn_input::error::SceneProblem;
+use cairn_input::observer::{Observer, Silent, Stage};
+use cairn_input::params::{Params, ReleaseOrder, Switch};
+use cairn_input::scene::{Prop, Scene, StaticModel};
+use cairn_motion::hold::{self, HoldOutcome};
+use cairn_motion::step::Simulation;
+use cairn_prepare::check::{self, CheckedScene};
+use cairn_prepare::container::{Container, grid};
+use cairn_prepare::effects::{EffectName, Resolved};
+use cairn_prepare::estimate::{self, Estimate, Workload};
+use cairn_prepare::plan::{self, Plan};
+use cairn_show::collapse;
+use cairn_show::entrance::{self, Entrance};
+use cairn_show::taking_apart::{self, RemovedBody};
+use fill::Filled;
+use glue::Glued;
 use rayon::prelude::*;
 use report::bake::{Bake, BakedBody, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
-use sim::step::Simulation;
-use stages::cache::{CachedFill, FillCache, FillInputs, FrameKeeper, NoCache};
-use stages::entrance::{self, Entrance};
-use stages::fill::Filled;
-use stages::glue::Glued;
-use stages::hold::HoldOutcome;
-use stages::separate::Separation;
-use stages::taking_apart::RemovedBody;
-use stages::turn_over::TurnOverInputs;
-use stages::{collapse, containers, fill, glue, hold, release, separate, taking_apart, turn_over};
+use separate::Separation;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
-use world::Units;
+use turn_over::TurnOverInputs;
 
 /// Checks the scene and summarizes the bake without simulating it.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
@@ -101,7 +100,7 @@ pub fn workload(scene: &Scene, params: &Params) -> Result<Workload, Error> {
 }
 
 /// Estimates the cost of the scene with each of `ladder`, by collision shapes as these ask for; simulates nothing.
-/// `machine`: from [`stages::calibrate`].
+/// `machine`: from [`calibrate`].
 pub fn estimates(scene: &Scene, params: &Params, ladder: &[Params], machine: f64) -> Result<Vec<Estimate>, Error> {
     // The result of the check does not depend on the accuracy.
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
@@ -143,7 +142,7 @@ pub fn analyse(
 ) -> Result<PileAnalysis, Error> {
     let full = fill_container(scene, params, &mut NoCache, observer)?;
     let mut sim = full.turn_over(scene, params)?;
-    analysis::run(&mut sim.pile.world, options, observer)
+    cairn_analysis::run(&mut sim.pile.world, options, observer)
 }
 
 /// A full container, ready to be turned over; any number of releases may start from it.

@@ -2,18 +2,18 @@
 
 mod common;
 
-use cairn_core::geometry::ClosedMesh;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::geometry::topology::{close_holes, inspect, weld};
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{Model, Prop, Scene, StaticModel};
-use cairn_core::prepare::container::{Container, has_fine_walls};
-use cairn_core::prepare::effects::EffectName;
-use cairn_core::prepare::shape::{Shape, Size};
-use cairn_core::prepare::surroundings::Surroundings;
-use cairn_core::prepare::units::Units;
+use cairn_engine::shape::{Shape, Size};
+use cairn_engine::units::Units;
+use cairn_geometry::ClosedMesh;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_geometry::topology::{close_holes, inspect, weld};
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, Params};
+use cairn_input::scene::{Model, Prop, Scene, StaticModel};
+use cairn_prepare::container::{Container, has_fine_walls};
+use cairn_prepare::effects::EffectName;
+use cairn_prepare::surroundings::Surroundings;
 use common::cone;
 use glam::{DQuat, DVec3};
 
@@ -204,7 +204,7 @@ fn hollow_props_take_the_room_of_their_hull() {
         block(DVec3::new(0.09, 0.011, -0.1), DVec3::new(0.1, 0.2, 0.1), 1),
     ]);
     let crate_ = block(DVec3::new(-0.1, 0.0, -0.1), DVec3::new(0.1, 0.2, 0.1), 1);
-    let size = |mesh: &TriMesh| cairn_core::prepare::shape::Size::of(mesh);
+    let size = |mesh: &TriMesh| cairn_engine::shape::Size::of(mesh);
     let hull = 0.2 * 0.2 * 0.2;
     assert!((size(&cup).hull_volume - hull).abs() < 1e-3 * hull, "{}", size(&cup).hull_volume);
     assert!(size(&cup).volume < 0.2 * hull);

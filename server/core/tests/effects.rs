@@ -2,11 +2,11 @@
 
 mod common;
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Figures, Params, Switch};
-use cairn_core::prepare::effects::{Count, EffectName};
 use cairn_core::{bake, plan};
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, Figures, Params, Switch};
+use cairn_prepare::effects::{Count, EffectName};
 use common::{cone, disc, scene, stick};
 use strum::VariantArray;
 

@@ -5,12 +5,12 @@ mod common;
 
 use cairn_core::Error;
 use cairn_core::bake;
-use cairn_core::geometry::crossing::Surface;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, EntranceKind, EntranceOrder, Params};
-use cairn_core::input::scene::{Emitter, EmitterVolume, Model, PlacedBody, Prop, Scene};
 use cairn_core::report::bake::{Bake, BakedPile};
+use cairn_geometry::crossing::Surface;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, EntranceKind, EntranceOrder, Params};
+use cairn_input::scene::{Emitter, EmitterVolume, Model, PlacedBody, Prop, Scene};
 use common::{block, cone, scene, stick};
 use glam::{DAffine3, DVec3};
 
@@ -32,7 +32,7 @@ fn wall() -> Scene {
         }));
     }
     let prop = Prop::new(Model::new("brick", block(DVec3::new(0.4, 0.2, 0.2))));
-    cairn_core::invariants::check_always();
+    cairn_engine::invariants::check_always();
     Scene { props: vec![prop], bodies, ..Scene::default() }
 }
 

@@ -3,16 +3,16 @@
 
 mod common;
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::{Frame, Observer, Progress, Silent, State};
-use cairn_core::input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
-use cairn_core::input::scene::{
+use cairn_core::report::bake::Bake;
+use cairn_core::{Error, bake};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Frame, Observer, Progress, Silent, State};
+use cairn_input::params::{Accuracy, ContactSelection, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
+use cairn_input::scene::{
     Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, RemovalChoice, RemovalRequest, Scene, StaticModel,
 };
-use cairn_core::report::bake::Bake;
-use cairn_core::stages::taking_apart::RemovedBody;
-use cairn_core::{Error, bake};
+use cairn_show::taking_apart::RemovedBody;
 use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;
@@ -87,7 +87,7 @@ fn a_late_body_is_not_there_before_its_frame() {
     let mut watcher = Watcher::default();
     let bake = bake(
         &bricks(bodies),
-        &Params { output: cairn_core::input::params::Output { frames: Some(20), ..params().output }, ..params() },
+        &Params { output: cairn_input::params::Output { frames: Some(20), ..params().output }, ..params() },
         &mut watcher,
     )
     .unwrap();

@@ -3,12 +3,12 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, GlueMode, Params, ReleaseOrder, Switch};
-use cairn_core::input::scene::{CollapseRequest, Model, PlacedBody, Prop, Scene};
 use cairn_core::report::bake::Bake;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, GlueMode, Params, ReleaseOrder, Switch};
+use cairn_input::scene::{CollapseRequest, Model, PlacedBody, Prop, Scene};
 use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 

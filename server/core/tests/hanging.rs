@@ -4,14 +4,15 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::contact::{self, Bearing, CARRYING_GAP};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, GlueMode, Params};
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::{check, shape};
-use cairn_core::world::{Insertion, Role, Units, World};
+use cairn_engine::shape;
+use cairn_engine::world::{Insertion, Role, Units, World};
+use cairn_geometry::contact::{self, Bearing, CARRYING_GAP};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, GlueMode, Params};
+use cairn_input::scene::Scene;
+use cairn_prepare::check;
 use common::{cone, scene, stick};
 use glam::DVec3;
 

@@ -4,15 +4,15 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, GlueMode, Params, Switch};
-use cairn_core::input::scene::{PlacedBody, Scene};
-use cairn_core::prepare::effects::Count;
-use cairn_core::prepare::shape::{Shape, Size};
 use cairn_core::report::bake::Bake;
-use cairn_core::sim::motion::Motion;
-use cairn_core::world::{BodyId, Insertion, Role, Units, World};
+use cairn_engine::shape::{Shape, Size};
+use cairn_engine::world::{BodyId, Insertion, Role, Units, World};
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, GlueMode, Params, Switch};
+use cairn_input::scene::{PlacedBody, Scene};
+use cairn_motion::motion::Motion;
+use cairn_prepare::effects::Count;
 use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 

@@ -3,14 +3,14 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::interior::MeshInterior;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
-use cairn_core::input::scene::{Scene, Turns, UprightRule};
-use cairn_core::prepare::effects::Count;
 use cairn_core::report::bake::Bake;
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
+use cairn_input::scene::{Scene, Turns, UprightRule};
+use cairn_prepare::effects::Count;
 use common::{cone, scene, stick};
 use glam::DVec3;
 use std::f64::consts::TAU;

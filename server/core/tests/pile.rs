@@ -3,15 +3,15 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::{Observer, Progress, Silent};
-use cairn_core::input::params::{Accuracy, ControlMode, FillMethod, GlueMode, Params, Switch};
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::shape::hull_mesh;
+use cairn_core::cache::NoCache;
 use cairn_core::report::TIMED_FIGURES;
-use cairn_core::stages::cache::NoCache;
-use cairn_core::world::Role;
+use cairn_engine::shape::hull_mesh;
+use cairn_engine::world::Role;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Observer, Progress, Silent};
+use cairn_input::params::{Accuracy, ControlMode, FillMethod, GlueMode, Params, Switch};
+use cairn_input::scene::Scene;
 use common::{block, cone, disc, scene, stick};
 use glam::DVec3;
 use std::ops::ControlFlow;
@@ -187,7 +187,7 @@ fn every_held_body_was_certified_in_its_latest_cycle() {
     }
     let mut held_ever = 0;
     for _ in 0..200 {
-        sim.advance(&mut Silent, cairn_core::input::observer::Stage::Hold, |_| 0.0).unwrap();
+        sim.advance(&mut Silent, cairn_input::observer::Stage::Hold, |_| 0.0).unwrap();
         for (id, body) in sim.pile.world.bodies().iter().enumerate() {
             if body.role == Role::Frozen {
                 assert!(sim.pile.control.candidates()[id], "body {id} is held without a certificate");

@@ -3,15 +3,15 @@
 
 mod common;
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, FillMethod, GlueMode, Params, Switch};
-use cairn_core::input::scene::Model;
-use cairn_core::input::scene::{Keyframe, Prop, Scene, StaticModel};
-use cairn_core::prepare::check::{self, CheckedScene};
-use cairn_core::prepare::inside::inside;
 use cairn_core::report::bake::Bake;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, FillMethod, GlueMode, Params, Switch};
+use cairn_input::scene::Model;
+use cairn_input::scene::{Keyframe, Prop, Scene, StaticModel};
+use cairn_prepare::check::{self, CheckedScene};
+use cairn_prepare::inside::inside;
 use common::{block, scene};
 use glam::{DQuat, DVec3};
 
@@ -185,7 +185,7 @@ fn bodies_that_cut_scenery_are_named() {
     let pole = at(common::disc(0.1, 1.0), DVec3::Y * 0.3);
     let (with, without) = (bricks(vec![piece("Column.glb", pole)]), bricks(vec![]));
     let params = draft(FillMethod::Insert);
-    let filled = cairn_core::fill_container(&without, &params, &mut cairn_core::stages::cache::NoCache, &mut Silent);
+    let filled = cairn_core::fill_container(&without, &params, &mut cairn_core::cache::NoCache, &mut Silent);
     let filled = filled.unwrap();
     let report = cairn_core::release_pile(&with, &params, &filled, &mut Silent).unwrap();
     let report = report.measured(&mut Silent).unwrap().report;
@@ -339,8 +339,7 @@ fn each_warning_about_scenery_has_its_cause() {
     let cut = |keys: Vec<Keyframe>| {
         let pole = StaticModel { keys, ..piece("pole", at(common::disc(0.1, 1.0), DVec3::Y * 0.3)) };
         let filled =
-            cairn_core::fill_container(&bricks(vec![]), &params, &mut cairn_core::stages::cache::NoCache, &mut Silent)
-                .unwrap();
+            cairn_core::fill_container(&bricks(vec![]), &params, &mut cairn_core::cache::NoCache, &mut Silent).unwrap();
         let scene = bricks(vec![pole]);
         let bake = cairn_core::release_pile(&scene, &params, &filled, &mut Silent).unwrap();
         bake.measured(&mut Silent).unwrap().report.warnings

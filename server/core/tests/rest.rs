@@ -3,11 +3,11 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
-use cairn_core::input::scene::{PlacedBody, Scene};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
+use cairn_input::scene::{PlacedBody, Scene};
 use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;

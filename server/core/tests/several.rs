@@ -2,12 +2,12 @@
 
 mod common;
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, GlueMode, Params, Switch};
-use cairn_core::input::scene::{Keyframe, Model, PileShape, Prop, Scene, StaticModel};
 use cairn_core::report::bake::Bake;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, GlueMode, Params, Switch};
+use cairn_input::scene::{Keyframe, Model, PileShape, Prop, Scene, StaticModel};
 use common::{block, scene};
 use glam::{DQuat, DVec3};
 
@@ -93,7 +93,7 @@ fn problems_of_one_of_several_shapes_name_it() {
     scene.piles[1].control.mesh.triangles.truncate(4);
     scene.piles[0].props = vec![1];
     scene.props[1].weight = 0.0;
-    let problems = cairn_core::prepare::check::run(&scene, &draft()).unwrap_err();
+    let problems = cairn_prepare::check::run(&scene, &draft()).unwrap_err();
     let has = |field: &str, text: &str| problems.iter().any(|found| found.field == field && found.text.contains(text));
     assert!(has("piles.1", "box 1: the control mesh is open"), "{problems:?}");
     assert!(has("props", "all have the weight 0"), "{problems:?}");

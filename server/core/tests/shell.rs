@@ -2,17 +2,17 @@
 
 mod common;
 
-use cairn_core::geometry::ClosedMesh;
-use cairn_core::geometry::interior::MeshInterior;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::topology::inspect;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, FillMethod, Params};
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::container::core::Core;
-use cairn_core::prepare::effects::{Count, EffectName};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake, plan};
+use cairn_geometry::ClosedMesh;
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::topology::inspect;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, FillMethod, Params};
+use cairn_input::scene::Scene;
+use cairn_prepare::container::core::Core;
+use cairn_prepare::effects::{Count, EffectName};
 use common::{cone, scene, stick};
 use glam::DVec3;
 
@@ -39,7 +39,7 @@ fn ball() -> TriMesh {
         let halves: Vec<_> = halves.iter().filter(has_area).copied().collect();
         mesh.triangles.extend(halves);
     }
-    cairn_core::geometry::topology::weld(&mesh, 1e-9)
+    cairn_geometry::topology::weld(&mesh, 1e-9)
 }
 
 #[test]

@@ -3,10 +3,10 @@
 mod common;
 
 use cairn_core::bake;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::{Frame, Observer, Progress, Silent};
-use cairn_core::input::params::{Accuracy, Params, Switch};
-use cairn_core::input::scene::{PlacedBody, Scene};
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Frame, Observer, Progress, Silent};
+use cairn_input::params::{Accuracy, Params, Switch};
+use cairn_input::scene::{PlacedBody, Scene};
 use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;

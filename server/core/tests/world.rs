@@ -2,11 +2,11 @@
 
 mod common;
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::prepare::shape::{Shape, ShapeKind, Size, Solid, hull_mesh};
-use cairn_core::world::{ContactPair, ContactPoint, Insertion, PairSide, ReservedPlaces, Units, World};
+use cairn_engine::shape::{Shape, ShapeKind, Size, Solid, hull_mesh};
+use cairn_engine::world::{ContactPair, ContactPoint, Insertion, PairSide, ReservedPlaces, Units, World};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::params::{Accuracy, Params};
 use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 

@@ -1,16 +1,16 @@
 //! Recognizes finished results by the hashes of their requests and files.
 
 use super::Variant;
-use crate::files::FileSource;
-use crate::job::report::ReportFile;
-use crate::job::request::{self, Asset};
-use crate::job::{InputFile, PortableNames, model_files, usd_parts};
-use crate::model::export::Format;
-use crate::problem::Problem;
-use crate::wire::effective::effective;
-use crate::wire::from_proto;
-use crate::wire::proto::{Accuracy, Scene};
-use cairn_core::input::params::{Accuracy as Preset, Params};
+use cairn_export::Format;
+use cairn_files::FileSource;
+use cairn_files::problem::Problem;
+use cairn_input::params::{Accuracy as Preset, Params};
+use cairn_job::report::ReportFile;
+use cairn_job::request::{self, Asset};
+use cairn_job::{InputFile, PortableNames, model_files, usd_parts};
+use cairn_wire::effective::effective;
+use cairn_wire::from_proto;
+use cairn_wire::proto::{Accuracy, Scene};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

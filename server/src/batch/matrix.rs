@@ -1,8 +1,8 @@
 //! The variants of a scene: every seed with every combination of values, each with its own file name.
 
-use crate::model::export::Format;
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
+use cairn_export::Format;
+use cairn_files::problem::Problem;
+use cairn_wire::scene_file::SceneTree;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

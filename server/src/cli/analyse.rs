@@ -3,13 +3,13 @@
 use super::bounds::{self, Bounds};
 use super::remote::{self, ConnectionArgs};
 use super::{Failure, analysis_summary, interrupt, output, print, print_note};
-use crate::files::{Disk, FileSource};
-use crate::job::{self, InputFile, machine};
-use crate::model::analysis::{self, Figure, FoundPile, Selection};
-use crate::model::render::{RenderModel, Settings, render};
-use cairn_core::analysis::{AnalysisOptions, PileAnalysis};
-use cairn_core::input::observer::{Observer, Progress};
+use cairn_analysis::{AnalysisOptions, PileAnalysis};
+use cairn_export::analysis::{self, Figure, FoundPile, Selection};
+use cairn_files::{Disk, FileSource};
 use cairn_gltf::Document;
+use cairn_input::observer::{Observer, Progress};
+use cairn_job::{InputFile, machine};
+use cairn_render::{RenderModel, Settings, render};
 use std::io::Cursor;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
@@ -176,7 +176,7 @@ fn analyse(args: &Args) -> Result<(), Failure> {
         seconds: args.time,
         most_triangles: args.bounds.limits().triangles,
     };
-    job::analysis::with_pile(&file, &selection, |document, pile| show(args, &file, &selection, document, pile))
+    cairn_job::analysis::with_pile(&file, &selection, |document, pile| show(args, &file, &selection, document, pile))
         .map_err(Failure::input)?
 }
 

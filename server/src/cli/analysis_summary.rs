@@ -1,8 +1,8 @@
 //! The answers of an analysis as text.
 
 use super::table;
-use crate::model::analysis::FoundPile;
-use cairn_core::analysis::{AnalysedBody, NeededDot, Nudge, PileAnalysis, Standing};
+use cairn_analysis::{AnalysedBody, NeededDot, Nudge, PileAnalysis, Standing};
+use cairn_export::analysis::FoundPile;
 
 /// The answers as text: the whole, then the bodies that carry most.
 pub fn text(pile: &FoundPile, found: &PileAnalysis, top: usize) -> String {

@@ -7,12 +7,11 @@ use super::progress::{self, Mode, ProgressArgs, Reporter};
 use super::remote::{self, ConnectionArgs, Delivery, QueueArgs};
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, print_error, print_note, print_warning, summary};
-use crate::files;
-use crate::job::goal::OVERLAP;
-use crate::job::{FinishedBake, Job, JobError};
-use crate::model::export::{self, Encoded, Format};
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
+use cairn_export::{Encoded, Format};
+use cairn_files::problem::Problem;
+use cairn_job::goal::OVERLAP;
+use cairn_job::{FinishedBake, Job, JobError};
+use cairn_wire::scene_file::SceneTree;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
@@ -81,7 +80,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let format = match args.format.as_deref() {
         Some(name) => Format::from_extension(name).expect("clap accepts only known formats"),
         None if output::is_stdout(&args.output) => Format::Glb,
-        None => export::check_destination(&args.output)?,
+        None => cairn_export::check_destination(&args.output)?,
     };
     if !format.is_single_file() {
         output::check_sidecars(&args.output)?;
@@ -115,7 +114,7 @@ fn bake_there(args: &Args, tree: &SceneTree, format: Format, server: &str) -> Re
 fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<Outcome, Failure> {
     let mode = args.progress.shown();
     let job = progress::while_reading(mode, || Job::read_tree(tree, args.bounds.limits()))?;
-    let job = job.relative_to(tree.folder()).written_into(files::folder_of(&args.output));
+    let job = job.relative_to(tree.folder()).written_into(cairn_files::folder_of(&args.output));
     if let Some(chosen) = job.chosen.filter(|_| !args.progress.quiet) {
         print_note(&chosen.to_string());
     }

@@ -2,9 +2,9 @@
 
 use super::remote::{self, ConnectionArgs, RemoteBake};
 use super::{Failure, interrupt, print, table};
-use crate::client::Target;
-use crate::service::status_json::{STATES, object, seconds, state_of, time};
-use crate::wire::proto::{BakeState, BakeStatus, ListBakesRequest};
+use cairn_service::client::Target;
+use cairn_service::status_json::{STATES, object, seconds, state_of, time};
+use cairn_wire::proto::{BakeState, BakeStatus, ListBakesRequest};
 use clap::Subcommand;
 use serde_json::Value;
 
@@ -86,7 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
         Action::Wait(args) => {
             let id = args.bake.id().to_owned();
-            let ended = async move |mut server: crate::client::Connection| {
+            let ended = async move |mut server: cairn_service::client::Connection| {
                 // The end of the stream is that of the bake; how it ended is in its status.
                 let _ = server.watch(&id, |_| ()).await;
                 server.status(&id).await
@@ -94,7 +94,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             let bake = remote::ask(&args.bake.target()?, ended)?;
             shown(&bake, args.json)?;
             match bake.failure {
-                Some(failure) => Err(tonic::Status::from(&failure).into()),
+                Some(failure) => Err(cairn_service::status::status_of(&failure).into()),
                 None if bake.state() == BakeState::Succeeded => Ok(()),
                 None => Err(tonic::Status::unavailable("the stream of its events has ended").into()),
             }

@@ -2,10 +2,10 @@
 
 use super::Failure;
 use super::interrupt;
-use crate::failpoints;
-use crate::job::machine;
-use crate::problem::Problem;
-use cairn_core::asset::Limits;
+use cairn_files::failpoints;
+use cairn_files::problem::Problem;
+use cairn_input::asset::Limits;
+use cairn_job::machine;
 use std::ffi::OsString;
 use std::process::{Command, ExitStatus, Stdio};
 use std::time::Duration;

@@ -1,7 +1,7 @@
 //! The arguments that choose the cache of fills and bakes.
 
 use super::print_warning;
-use crate::job::reuse::BakeCache;
+use cairn_job::reuse::BakeCache;
 use clap::builder::{FalseyValueParser, OsStringValueParser};
 use std::ffi::OsString;
 use std::path::Path;

@@ -4,12 +4,12 @@ use super::bounds::Bounds;
 use super::progress::{self, Mode};
 use super::scene_args::SceneArgs;
 use super::{Failure, print};
-use crate::job::Job;
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
-use cairn_core::prepare::effects::{Effect, EffectName};
-use cairn_core::prepare::estimate::Estimate;
-use cairn_core::prepare::plan::Plan;
+use cairn_files::problem::Problem;
+use cairn_job::Job;
+use cairn_prepare::effects::{Effect, EffectName};
+use cairn_prepare::estimate::Estimate;
+use cairn_prepare::plan::Plan;
+use cairn_wire::scene_file::SceneTree;
 use serde_json::json;
 use std::fmt::Write;
 

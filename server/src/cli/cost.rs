@@ -5,11 +5,11 @@ use super::progress::RunCounter;
 use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, print};
 use crate::cost::{self, Ledger, Record, Study, StudyVariant};
-use crate::job::Job;
-use crate::job::machine;
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
-use cairn_core::input::observer::{Observer, Progress};
+use cairn_files::problem::Problem;
+use cairn_input::observer::{Observer, Progress};
+use cairn_job::Job;
+use cairn_job::machine;
+use cairn_wire::scene_file::SceneTree;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -99,7 +99,7 @@ fn study(args: &Args) -> Result<(), Failure> {
     for seed in first..first.saturating_add(args.seeds) {
         for (variant, of) in variants.iter().enumerate() {
             let tree = cost::scene_of(&tree, of, seed).map_err(Failure::Usage)?;
-            let what = format!("{} {files} {:?} {}", crate::version::VERSION, args.bodies, tree.to_json());
+            let what = format!("{} {files} {:?} {}", cairn_files::version::VERSION, args.bodies, tree.to_json());
             wanted.push(PlannedRun { variant, seed, key: blake3::hash(what.as_bytes()).to_hex().to_string(), tree });
         }
     }

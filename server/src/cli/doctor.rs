@@ -3,15 +3,15 @@
 use super::cache_args::CacheArgs;
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
-use crate::files::FileSource;
-use crate::job::machine;
-use crate::job::reuse::BakeCache;
-use crate::job::{FinishedBake, Job};
-use crate::model::export::Format;
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
-use crate::wire::versions::versions;
 use anstyle::{AnsiColor, Style};
+use cairn_export::Format;
+use cairn_files::FileSource;
+use cairn_files::problem::Problem;
+use cairn_job::machine;
+use cairn_job::reuse::BakeCache;
+use cairn_job::{FinishedBake, Job};
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::versions::versions;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
@@ -115,7 +115,7 @@ fn machine_findings(cache: &BakeCache) -> Vec<Finding> {
     let memory = machine::free_memory();
     let little = "Close other programs, or bake fewer props: large bakes may fail.";
     let mut findings = vec![
-        Finding::new("cairn", crate::version::BUILD),
+        Finding::new("cairn", cairn_files::version::BUILD),
         Finding::new("engines", format!("rapier3d {}, clarabel {}", versions.rapier3d, versions.clarabel)),
         Finding::new("system", format!("{} on {}", std::env::consts::OS, std::env::consts::ARCH)),
         Finding::new("processor", format!("{} threads; {}", rayon::current_num_threads(), features())),
@@ -171,14 +171,14 @@ fn self_test(progress: Mode) -> Result<Vec<Finding>, Failure> {
 }
 
 fn self_bake(progress: Mode) -> Result<FinishedBake, Failure> {
-    let job = Job::read_with(&scene()?, Arc::new(OwnFiles), cairn_core::asset::Limits::default())?;
+    let job = Job::read_with(&scene()?, Arc::new(OwnFiles), cairn_input::asset::Limits::default())?;
     let mut reporter = Reporter::new(progress);
     let done = job.run(Format::Csv, "self-test", &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     Ok(done?)
 }
 
-fn scene() -> Result<crate::wire::proto::Scene, Failure> {
+fn scene() -> Result<cairn_wire::proto::Scene, Failure> {
     let mut scene = SceneTree::default();
     for assignment in [format!("control_mesh={}", CONTROL.0), format!("props.0={}", PROP.0)]
         .into_iter()

@@ -1,11 +1,10 @@
 //! Failures of commands, and their exit codes.
 
 use super::interrupt;
-use crate::files;
-use crate::job::{JobError, Refused};
-use crate::model::export::ExportError;
-use crate::problem::Problem;
-use crate::service::listen::BindError;
+use cairn_export::ExportError;
+use cairn_files::problem::Problem;
+use cairn_job::{JobError, Refused};
+use cairn_service::listen::BindError;
 use std::io::ErrorKind;
 use std::path::Path;
 use std::process::ExitCode;
@@ -61,7 +60,7 @@ impl Failure {
             Failure::Internal(what) => vec![format!(
                 "internal error: {what}. This is a fault in Cairn, not in your scene. Send whoever gave you Cairn this \
                  message, the scene and its files, and the version: {}.",
-                crate::version::VERSION
+                cairn_files::version::VERSION
             )],
             Failure::Cancelled if interrupt::is_from_outside() => {
                 vec!["stopped from outside (SIGTERM); nothing was written; run the command again".into()]
@@ -106,7 +105,7 @@ impl Failure {
             }
             _ => (true, "Check the disk, and run the command again."),
         };
-        let problem = Problem::at(path, format!("cannot be written: {}", files::plain_reason(error)), remedy);
+        let problem = Problem::at(path, format!("cannot be written: {}", cairn_files::plain_reason(error)), remedy);
         if may_pass { Failure::TryAgain(problem) } else { Failure::input(problem) }
     }
 

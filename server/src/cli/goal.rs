@@ -1,12 +1,12 @@
 //! The arguments that set the goal of a bake. An overlap that is not kept is baked again.
 
 use super::{Failure, print_note};
-use crate::scene_file::SceneTree;
-use crate::wire::from_proto;
-use crate::wire::proto;
-use crate::wire::to_proto::accuracy_name;
-use cairn_core::input::params::Accuracy;
-use cairn_core::prepare::estimate::Goal;
+use cairn_input::params::Accuracy;
+use cairn_prepare::estimate::Goal;
+use cairn_wire::from_proto;
+use cairn_wire::proto;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::to_proto::accuracy_name;
 use serde_json::json;
 use std::time::Duration;
 
@@ -28,7 +28,7 @@ pub struct GoalArgs {
 /// What a bake came to.
 pub struct Outcome {
     pub accuracy: Accuracy,
-    /// [`crate::job::goal::OVERLAP`], m, if it was measured.
+    /// [`cairn_job::goal::OVERLAP`], m, if it was measured.
     pub overlap: Option<f64>,
 }
 

@@ -1,7 +1,7 @@
 //! `cairn man`: the manual pages.
 
 use super::{Cli, Failure, output, print};
-use crate::problem::nearest;
+use cairn_files::problem::nearest;
 use clap::{Command, CommandFactory};
 use clap_mangen::Man;
 use std::path::PathBuf;
@@ -56,7 +56,8 @@ fn page_name(command: &Command) -> String {
 
 fn page(command: &Command) -> Result<Vec<u8>, Failure> {
     let mut page = Vec::new();
-    let man = Man::new(command.clone()).title(page_name(command)).source(format!("cairn {}", crate::version::VERSION));
+    let man =
+        Man::new(command.clone()).title(page_name(command)).source(format!("cairn {}", cairn_files::version::VERSION));
     man.render(&mut page).map_err(|error| Failure::Internal(error.to_string()))?;
     Ok(page)
 }

@@ -34,9 +34,9 @@ mod verify;
 mod watch;
 mod worker;
 
-use crate::failpoints;
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
+use cairn_files::failpoints;
 use clap::{CommandFactory, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 pub use failure::Failure;
@@ -50,7 +50,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Model the rough shape of a pile as a closed mesh and choose its props. Cairn fills the shape with props by physics,
 /// turns it over, releases it from the bottom to the top while it keeps the shape, and writes the motion of every prop.
 #[derive(Parser)]
-#[command(version = crate::version::BUILD, after_help = EXAMPLES, disable_help_subcommand = true)]
+#[command(version = cairn_files::version::BUILD, after_help = EXAMPLES, disable_help_subcommand = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,

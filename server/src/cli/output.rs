@@ -1,11 +1,11 @@
 //! Output files of commands: checked before any work, written complete or not at all.
 
 use super::{Failure, interrupt};
-use crate::failpoints;
-use crate::files::{self, Staged};
-use crate::job::machine;
-use crate::model::export::{Encoded, SIDECAR_FOLDER};
-use crate::problem::Problem;
+use cairn_export::{Encoded, SIDECAR_FOLDER};
+use cairn_files::Staged;
+use cairn_files::failpoints;
+use cairn_files::problem::Problem;
+use cairn_job::machine;
 use std::fs::File;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -39,7 +39,7 @@ impl Destination {
         let mut path = path.to_owned();
         for _ in 0..MOST_LINKS {
             let Ok(target) = path.read_link() else { break };
-            path = files::folder_of(&path).join(target);
+            path = cairn_files::folder_of(&path).join(target);
         }
         Destination::File(path)
     }
@@ -53,13 +53,13 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
         return refuse("a folder, not a file".into(), "Name a file in it.");
     }
     let Destination::File(target) = Destination::to(path) else { return Ok(()) };
-    let folder = files::folder_of(&target);
-    files::remove_abandoned(folder);
+    let folder = cairn_files::folder_of(&target);
+    cairn_files::remove_abandoned(folder);
     if !folder.is_dir() {
         return refuse(format!("there is no folder {}", folder.display()), "Create it first.");
     }
     if let Err(error) = failpoints::at("output-folder").and_then(|()| tempfile::tempfile_in(folder).map(drop)) {
-        let reason = files::plain_reason(&error);
+        let reason = cairn_files::plain_reason(&error);
         return refuse(format!("nothing can be written in {}: {reason}", folder.display()), "Choose another folder.");
     }
     match std::fs::metadata(&target) {
@@ -68,7 +68,7 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
         }
         // The name is too long, or has characters that the disk refuses.
         Err(error) if error.kind() != ErrorKind::NotFound => {
-            let reason = files::plain_reason(&error);
+            let reason = cairn_files::plain_reason(&error);
             return refuse(format!("no file can have this name: {reason}"), "Choose a shorter, plain name.");
         }
         _ => {}
@@ -84,7 +84,7 @@ pub fn check(path: &Path, inputs: &[PathBuf]) -> Result<(), Failure> {
 /// will be written. A larger one that has none is not lost: the cache keeps the bake.
 pub fn check_room(path: &Path, most: u64) -> Result<(), Failure> {
     let Destination::File(target) = Destination::to(path) else { return Ok(()) };
-    let folder = files::folder_of(&target);
+    let folder = cairn_files::folder_of(&target);
     let free = match failpoints::at("output-room") {
         Ok(()) => machine::free_disk(folder),
         Err(_) => Some(0),
@@ -111,7 +111,7 @@ pub fn check_sidecars(output: &Path) -> Result<(), Failure> {
         let what = "its textures would be files beside it, but this is not a file";
         return usage(output, what, "Use --format usdz, which holds everything.");
     }
-    let folder = files::folder_of(output).join(SIDECAR_FOLDER);
+    let folder = cairn_files::folder_of(output).join(SIDECAR_FOLDER);
     if folder.exists() && !folder.is_dir() {
         return usage(
             &folder,
@@ -125,7 +125,7 @@ pub fn check_sidecars(output: &Path) -> Result<(), Failure> {
 /// Writes to a path. A file appears complete or not at all.
 pub fn write(path: &Path, content: &[u8]) -> Result<(), Failure> {
     let written = match Destination::to(path) {
-        Destination::File(target) => files::write_atomically(&target, content),
+        Destination::File(target) => cairn_files::write_atomically(&target, content),
         way => write_through(way, path, content),
     };
     written.map_err(|error| Failure::write(path, &error))
@@ -155,7 +155,7 @@ pub fn write_before_report(output: &Path, result: &Encoded, report: Option<&Path
 }
 
 fn write_sidecars(output: &Path, result: &Encoded) -> Result<(), Failure> {
-    let folder = files::folder_of(output).join(SIDECAR_FOLDER);
+    let folder = cairn_files::folder_of(output).join(SIDECAR_FOLDER);
     result.write_sidecars(output).map_err(|error| Failure::write(&folder, &error))
 }
 
@@ -192,7 +192,7 @@ pub fn write_result(output: &Path, result: &Encoded, report: Option<(&Path, Stri
         })?);
     }
     for path in named {
-        files::sync_folder(files::folder_of(&path)).map_err(|error| Failure::write(&path, &error))?;
+        cairn_files::sync_folder(cairn_files::folder_of(&path)).map_err(|error| Failure::write(&path, &error))?;
     }
     Ok(())
 }

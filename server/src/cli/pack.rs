@@ -1,12 +1,12 @@
 //! `cairn pack`: a pile for games and the web.
 
 use super::{Failure, bounds, interrupt, output, print, print_warning};
-use crate::files::{Disk, FileSource, folder_of};
-use crate::job::InputFile;
-use crate::model::export::pack::{self, MANIFEST, Manifest, PackError, PackOptions};
-use crate::model::export::{self, ExportError};
-use crate::model::render::RenderModel;
-use crate::problem::Problem;
+use cairn_export::ExportError;
+use cairn_export::pack::{self, MANIFEST, Manifest, PackError, PackOptions};
+use cairn_files::problem::Problem;
+use cairn_files::{Disk, FileSource, folder_of};
+use cairn_job::InputFile;
+use cairn_render::RenderModel;
 use std::borrow::Cow;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -58,7 +58,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
     let file = InputFile::read(&args.pile, &disk).map_err(Failure::input)?;
     let bad = |what: String| Failure::input(Problem::new(&file.name, what, "Give a .glb that `cairn bake` wrote."));
-    let bytes = export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned).map_err(bad)?;
+    let bytes = cairn_export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned).map_err(bad)?;
     let model = RenderModel { name: &file.name, bytes: &bytes, resolve: &*file.resolve };
     let options = PackOptions { levels: args.levels, is_compressed: args.meshopt };
     let packed = pack::pack(&model, &options, &mut || !interrupt::is_requested());

@@ -3,10 +3,10 @@
 use super::check::{PlanArgs, describe};
 use super::remote::{self, ConnectionArgs};
 use super::{Failure, interrupt, print};
-use crate::model::export::Format;
-use crate::scene_file;
-use crate::wire::to_proto;
-use cairn_core::prepare::estimate::Estimate;
+use cairn_export::Format;
+use cairn_prepare::estimate::Estimate;
+use cairn_wire::scene_file;
+use cairn_wire::to_proto;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write;

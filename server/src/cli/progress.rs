@@ -1,9 +1,9 @@
 //! Progress of a bake on stderr, its cancellation and its clock.
 
 use super::interrupt;
-use crate::job::machine;
-use crate::job::pace::{StagePace, name, overall};
-use cairn_core::input::observer::{Observer, Progress};
+use cairn_input::observer::{Observer, Progress};
+use cairn_job::machine;
+use cairn_job::pace::{StagePace, name, overall};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 use std::io::{IsTerminal, Write};

@@ -3,26 +3,25 @@
 use super::goal::Outcome;
 use super::progress::{ProgressArgs, Reporter};
 use super::{Failure, interrupt, output, print_done, print_note, print_warning, summary};
-use crate::client::{Connection, Downloaded, Target};
-use crate::files;
-use crate::job::goal::OVERLAP;
-use crate::job::{self, InputFile, PortableNames, Refused};
-use crate::model::analysis::Selection;
-use crate::model::export::{Encoded, Format, SIDECAR_FOLDER};
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
-use crate::wire::digest::hex;
-use crate::wire::proto;
-use crate::wire::proto::{
+use bytes::Bytes;
+use cairn_analysis::PileAnalysis;
+use cairn_export::analysis::Selection;
+use cairn_export::{Encoded, Format, SIDECAR_FOLDER};
+use cairn_files::problem::Problem;
+use cairn_input::observer::Observer;
+use cairn_input::params::Accuracy;
+use cairn_job::goal::OVERLAP;
+use cairn_job::{InputFile, PortableNames, Refused};
+use cairn_service::client::{Connection, Downloaded, Target};
+use cairn_wire::digest::hex;
+use cairn_wire::proto;
+use cairn_wire::proto::{
     AnalysePileRequest, Artifact, AssetReference, BakeRequest, BakeSpec, DownloadResultRequest, OutputFormat, Plan,
     Scene, Summary, UsdLayout, bake_event::Kind,
 };
-use crate::wire::to_proto::{NOTES_FIELD, accuracy_name};
-use crate::wire::{analysis, from_proto};
-use bytes::Bytes;
-use cairn_core::analysis::PileAnalysis;
-use cairn_core::input::observer::Observer;
-use cairn_core::input::params::Accuracy;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::to_proto::{NOTES_FIELD, accuracy_name};
+use cairn_wire::{analysis, from_proto};
 use prost::Message;
 use serde_json::json;
 use sha2::{Digest, Sha256};
@@ -76,7 +75,7 @@ impl ConnectionArgs {
 
     /// The target for a server's address.
     pub fn at(&self, address: &str) -> Result<Target, Failure> {
-        let read = |path: &Option<PathBuf>| path.as_deref().map(files::read).transpose();
+        let read = |path: &Option<PathBuf>| path.as_deref().map(cairn_files::read).transpose();
         let read = || {
             let token = read(&self.token_file)?.map(|text| String::from_utf8_lossy(&text).trim().to_owned());
             Ok(Target {
@@ -169,11 +168,11 @@ impl Files {
         let (scene, folder, source) = (tree.to_message(), tree.folder(), tree.files());
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
-        let models = job::model_files(&scene);
-        let parts = job::usd_parts(&scene);
+        let models = cairn_job::model_files(&scene);
+        let parts = cairn_job::usd_parts(&scene);
         let names = PortableNames::new(models.iter().map(PathBuf::as_path), folder);
         for path in models {
-            if files::is_below(folder, &path) && files::leads_out(folder, &path) {
+            if cairn_files::is_below(folder, &path) && cairn_files::leads_out(folder, &path) {
                 let what = "a link that leads out of the scene's folder, which is not sent";
                 problems.push(Problem::at(&path, what, "Name its target, or put the file itself there."));
                 continue;
@@ -185,13 +184,13 @@ impl Files {
                     continue;
                 }
             };
-            let folder = files::folder_of(&path);
+            let folder = cairn_files::folder_of(&path);
             // Only a bake that uses a missing texture needs it.
             for (relative, bytes) in file.sidecars() {
-                let Some(there) = job::place(folder, &relative) else { continue };
+                let Some(there) = cairn_job::place(folder, &relative) else { continue };
                 let there = source.find(&there).unwrap_or(there);
                 let is_below = !relative.starts_with("../") && Path::new(&relative).is_relative();
-                if is_below && files::leads_out(folder, &there) {
+                if is_below && cairn_files::leads_out(folder, &there) {
                     let what = "a link that leads out of the folder of its .gltf file, which is not sent";
                     problems.push(Problem::at(&there, what, "Put the file itself there."));
                     continue;
@@ -215,8 +214,8 @@ impl Files {
 
     /// The layout of a result in USD in this folder, and the way from there to the scene's.
     pub fn layout(&self, scene: &Scene, folder: &Path) -> (UsdLayout, String) {
-        let has_assets = job::model_files(scene).iter().any(|path| files::is_usd(&path.to_string_lossy()));
-        let way = if has_assets { files::way(folder, self.names.base()) } else { String::new() };
+        let has_assets = cairn_job::model_files(scene).iter().any(|path| cairn_files::is_usd(&path.to_string_lossy()));
+        let way = if has_assets { cairn_files::way(folder, self.names.base()) } else { String::new() };
         // Where both are one folder, the result is that which is made with the bake.
         let way = if way == "./" { String::new() } else { way };
         (scene.usd.clone().unwrap_or_default(), way)
@@ -224,7 +223,7 @@ impl Files {
 
     /// The request to a server.
     pub fn spec(&self, mut scene: Scene) -> BakeSpec {
-        job::rename(&mut scene, |path| self.names.of(path));
+        cairn_job::rename(&mut scene, |path| self.names.of(path));
         BakeSpec { scene: Some(scene), assets: self.references.clone(), ..Default::default() }
     }
 
@@ -252,7 +251,7 @@ pub fn bake(
     delivery: &Delivery,
 ) -> Result<Outcome, Failure> {
     let layout = delivery.output.filter(|_| format.is_usd());
-    let layout = layout.map(|output| files.layout(&scene, files::folder_of(output)));
+    let layout = layout.map(|output| files.layout(&scene, cairn_files::folder_of(output)));
     let is_auto = scene.accuracy() == proto::Accuracy::Auto;
     let mut spec = files.spec(scene);
     // The same request, in any format, reaches the server that has baked it before.
@@ -311,7 +310,7 @@ pub fn analyse(
     friction_share: f64,
     bodies: usize,
 ) -> Result<PileAnalysis, Failure> {
-    let names = PortableNames::new([Path::new(&file.name)].into_iter(), files::folder_of(Path::new(&file.name)));
+    let names = PortableNames::new([Path::new(&file.name)].into_iter(), cairn_files::folder_of(Path::new(&file.name)));
     let beside = file.read_so_far().into_iter();
     let beside = beside.map(|(relative, bytes)| (names.beside(&file.name, &relative), Bytes::from(bytes)));
     let all = std::iter::once((names.of(&file.name), Bytes::copy_from_slice(&file.bytes))).chain(beside);

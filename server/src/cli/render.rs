@@ -1,13 +1,12 @@
 //! `cairn render`: renders a still of a baked pile.
 
 use super::{Failure, interrupt, output, print_warning};
-use crate::files::{self, Disk, FileSource};
-use crate::job::InputFile;
-use crate::job::removals::Removals;
-use crate::model::arrays::Arrays;
-use crate::model::export;
-use crate::model::render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render, views};
-use crate::problem::Problem;
+use cairn_export::arrays::Arrays;
+use cairn_files::problem::Problem;
+use cairn_files::{Disk, FileSource};
+use cairn_job::InputFile;
+use cairn_job::removals::Removals;
+use cairn_render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render, views};
 use image::{ImageFormat, RgbImage};
 use std::borrow::Cow;
 use std::io::Cursor;
@@ -130,7 +129,7 @@ fn write(path: &Path, picture: &RgbImage, format: ImageFormat) -> Result<(), Fai
 
 fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     let _guard = output::begin()?;
-    files::write_atomically(path, bytes).map_err(|error| Failure::write(path, &error))
+    cairn_files::write_atomically(path, bytes).map_err(|error| Failure::write(path, &error))
 }
 
 /// Writes what the camera sees as arrays, of one moment or of each state of a pile that is taken apart.
@@ -156,7 +155,7 @@ fn write_arrays(args: &Args, pile: &RenderModel, settings: &Settings) -> Result<
 
 /// The file as the renderer reads it.
 fn as_gltf(mut file: InputFile) -> Result<InputFile, Failure> {
-    let read = export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned);
+    let read = cairn_export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned);
     file.bytes = read.map_err(|what| Failure::input(Problem::new(&file.name, what, "Choose another file.")))?;
     Ok(file)
 }

@@ -2,9 +2,9 @@
 
 use super::scene_args::SceneArgs;
 use super::{Failure, print, remote};
-use crate::scene_file::SceneTree;
-use crate::wire::effective::effective;
-use crate::wire::{from_proto, proto};
+use cairn_wire::effective::effective;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::{from_proto, proto};
 use std::path::PathBuf;
 
 /// Prints the scene of the flags as a scene file

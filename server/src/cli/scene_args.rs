@@ -1,12 +1,12 @@
 //! The arguments that describe a scene, for all commands: a scene file, flags, or both.
 
 use super::{Failure, output};
-use crate::files::is_model_file;
-use crate::job::provenance;
-use crate::model::export::Format;
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
-use crate::wire::to_proto;
+use cairn_export::Format;
+use cairn_files::is_model_file;
+use cairn_files::problem::Problem;
+use cairn_job::provenance;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::to_proto;
 use serde_json::{Value, json};
 use std::ffi::OsString;
 use std::io::Read;
@@ -184,7 +184,7 @@ impl SceneArgs {
 fn split_weight(prop: &str) -> Result<(&str, Option<Value>), Problem> {
     let Some((path, weight)) = prop.rsplit_once(':') else { return Ok((prop, None)) };
     if let Ok(weight) = weight.parse::<f64>() {
-        return Ok((path, Some(crate::scene_file::number(weight))));
+        return Ok((path, Some(cairn_wire::scene_file::number(weight))));
     }
     if is_model_file(Path::new(path)) {
         let what = format!("the weight `{weight}` is not a number");

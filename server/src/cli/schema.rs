@@ -1,7 +1,7 @@
 //! `cairn schema`: the JSON Schema of scene files, for editors.
 
 use super::{Failure, print};
-use crate::scene_file::json_schema;
+use cairn_wire::scene_file::json_schema;
 
 /// Prints the JSON Schema of scene files, for editors
 ///

@@ -1,13 +1,12 @@
 //! `cairn serve`: runs the gRPC service.
 
 use super::{Failure, print};
-use crate::files;
-use crate::problem::{Problem, nearest};
-use crate::service::config::Config;
-use crate::service::listen;
-use crate::service::secrets::Secrets;
-use crate::service::serve::{self, ServeError};
-use crate::service::telemetry;
+use cairn_files::problem::{Problem, nearest};
+use cairn_service::config::Config;
+use cairn_service::listen;
+use cairn_service::secrets::Secrets;
+use cairn_service::serve::{self, ServeError};
+use cairn_service::telemetry;
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -154,7 +153,7 @@ impl Args {
 
 /// The settings of a file. Each one is held against its form by itself, so that all problems are found.
 fn read_settings(path: &Path, problems: &mut Vec<Problem>) -> toml::Table {
-    let text = files::read(path).and_then(|bytes| {
+    let text = cairn_files::read(path).and_then(|bytes| {
         String::from_utf8(bytes).map_err(|_| Problem::at(path, "it is not text in UTF-8", "Save it as UTF-8."))
     });
     let remedy = "See `cairn serve --help` for the settings.";

@@ -1,7 +1,7 @@
 //! The summary that ends a bake, in a few lines.
 
 use super::print_done;
-use crate::job::goal::length;
+use cairn_job::goal::length;
 use serde_json::json;
 use std::path::Path;
 

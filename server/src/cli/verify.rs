@@ -3,12 +3,11 @@
 use super::bounds::{self, Bounds};
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
-use crate::files;
-use crate::job::report::versions_json;
-use crate::job::reuse::BakeCache;
-use crate::job::{FinishedBake, Job, provenance};
-use crate::model::export::{Encoded, Format};
-use crate::problem::Problem;
+use cairn_export::{Encoded, Format};
+use cairn_files::problem::Problem;
+use cairn_job::report::versions_json;
+use cairn_job::reuse::BakeCache;
+use cairn_job::{FinishedBake, Job, provenance};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
@@ -77,7 +76,7 @@ fn sample(all: &[PathBuf], count: Option<u64>) -> Vec<&Path> {
 /// Bakes a result again. Returns the difference, if any.
 fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     let tree = provenance::scene(path, args.assets.as_deref()).map_err(Failure::Input)?;
-    let before = files::read(path).map_err(Failure::input)?;
+    let before = cairn_files::read(path).map_err(Failure::input)?;
     let Some(origin) = provenance::origin(&before) else { unreachable!("its scene was read") };
     let own = versions_json();
     if origin.versions != own {
@@ -85,7 +84,7 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
         return Err(Failure::input(Problem::at(path, what, "Use the version of Cairn that baked it.")));
     }
     let job = Job::read_tree(&tree, args.bounds.limits())?;
-    let job = job.relative_to(tree.folder()).written_into(files::folder_of(path));
+    let job = job.relative_to(tree.folder()).written_into(cairn_files::folder_of(path));
     let mut reporter = Reporter::new(args.progress);
     let format = Format::of(path).filter(|format| format.states_origin()).unwrap_or(Format::Glb);
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
@@ -94,7 +93,7 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     let Encoded { bytes, sidecars, .. } = result;
     if bytes == before {
         let is_there = |(name, bytes): &(&String, &Vec<u8>)| {
-            std::fs::read(files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)
+            std::fs::read(cairn_files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)
         };
         let wrong = sidecars.iter().find(|file| !is_there(file));
         return Ok(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is missing or changed")));

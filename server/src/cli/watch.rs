@@ -2,7 +2,6 @@
 
 use super::remote::{self, Delivery, RemoteBake};
 use super::{Failure, interrupt, output, progress::ProgressArgs};
-use crate::model::export;
 use std::path::PathBuf;
 
 /// Watches a bake on a server, and downloads its result
@@ -35,7 +34,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         output::check(path, &[])?;
     }
     let (output, report) = (args.output.as_deref(), args.report.as_deref());
-    let format = output.filter(|output| !output::is_stdout(output)).map(export::check_destination).transpose()?;
+    let format = output.filter(|output| !output::is_stdout(output)).map(cairn_export::check_destination).transpose()?;
     if let Some(output) = output.filter(|_| format.is_some_and(|format| !format.is_single_file())) {
         output::check_sidecars(output)?;
     }

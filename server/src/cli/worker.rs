@@ -1,10 +1,10 @@
 //! `cairn worker`: runs one bake for a server. Servers start it; it is not for users.
 
 use super::{Failure, bounds};
-use crate::job::machine;
-use crate::job::reuse::BakeCache;
-use crate::service::analysis;
-use crate::service::worker::{self, WorkerError};
+use cairn_job::machine;
+use cairn_job::reuse::BakeCache;
+use cairn_service::analysis;
+use cairn_service::worker::{self, WorkerError};
 use std::path::PathBuf;
 
 /// Bakes in a folder of a server's store

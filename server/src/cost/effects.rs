@@ -2,8 +2,8 @@
 
 use super::table::MedianRange;
 use super::{Record, StudyVariant, VariantKind};
-use cairn_core::prepare::effects::{Effect, EffectName};
-use cairn_core::prepare::plan::Plan;
+use cairn_prepare::effects::{Effect, EffectName};
+use cairn_prepare::plan::Plan;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;

@@ -1,11 +1,11 @@
 //! The runs of a study, stored as lines of JSON, so that a repeated command continues the study.
 
-use crate::failpoints;
-use crate::problem::Problem;
-use cairn_core::input::params::Params;
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::estimate::Workload;
 use cairn_core::report::Report;
+use cairn_files::failpoints;
+use cairn_files::problem::Problem;
+use cairn_input::params::Params;
+use cairn_input::scene::Scene;
+use cairn_prepare::estimate::Workload;
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -37,7 +37,7 @@ impl Record {
         report: Report,
     ) -> Result<Record, cairn_core::Error> {
         let figures = report.measures.into_iter().filter_map(|(name, value)| Some((name.into_owned(), value?)));
-        let seconds = report.seconds.iter().map(|(&stage, &s)| (crate::job::pace::name(stage).to_owned(), s)).collect();
+        let seconds = report.seconds.iter().map(|(&stage, &s)| (cairn_job::pace::name(stage).to_owned(), s)).collect();
         Ok(Record {
             key,
             variant,

@@ -14,12 +14,12 @@ pub use plot::draw;
 pub use table::Study;
 pub use variants::{StudyVariant, VariantKind, variants, work};
 
-use crate::job::Job;
-use crate::problem::Problem;
-use crate::scene_file::SceneTree;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::observer::Observer;
-use cairn_core::input::params::Params;
+use cairn_files::problem::Problem;
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::observer::Observer;
+use cairn_input::params::Params;
+use cairn_job::Job;
+use cairn_wire::scene_file::SceneTree;
 use glam::DVec3;
 
 /// The variant that shape errors refer to.

@@ -3,7 +3,7 @@
 use super::figures::{Figure, HEADLINE};
 use super::table::{self, MedianRange, StudyRow, front};
 use super::{Study, VariantKind};
-use crate::files::write_atomically;
+use cairn_files::write_atomically;
 use image::{ImageFormat, RgbImage};
 use libm::{log10, pow};
 use plotters::coord::Shift;

@@ -100,7 +100,7 @@ impl Study {
             }
         }
         let reference = reference.map_or(String::new(), |(variant, _)| variant.name.clone());
-        Study { scene, machine, version: crate::version::VERSION, reference, rows, left_out }
+        Study { scene, machine, version: cairn_files::version::VERSION, reference, rows, left_out }
     }
 
     /// Whether the presets can be ranked by a figure: the first and the last of them differ beyond their seeds, or no
@@ -192,7 +192,7 @@ pub fn front(rows: &[StudyRow], name: &str) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cairn_core::prepare::estimate::Workload;
+    use cairn_prepare::estimate::Workload;
 
     const WORKLOAD: Workload = Workload {
         bodies: 10.0,

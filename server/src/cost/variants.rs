@@ -1,10 +1,10 @@
 //! The variants of a study: the presets, and single changed parameters.
 
-use crate::scene_file::SceneTree;
-use crate::wire::from_proto::params_and_problems;
-use crate::wire::proto;
-use crate::wire::to_proto;
-use cairn_core::input::params::{Accuracy, Params};
+use cairn_input::params::{Accuracy, Params};
+use cairn_wire::from_proto::params_and_problems;
+use cairn_wire::proto;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::to_proto;
 
 /// A variant of the scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,7 +63,7 @@ pub fn work(tree: &SceneTree) -> f64 {
     let scene: proto::Scene = tree.to_message();
     let params: Params = params_and_problems(&scene).0;
     let step = match params.physics.step {
-        cairn_core::input::params::Time::Natural(step) | cairn_core::input::params::Time::Seconds(step) => step,
+        cairn_input::params::Time::Natural(step) | cairn_input::params::Time::Seconds(step) => step,
     };
     f64::from(params.physics.substeps) / step
 }

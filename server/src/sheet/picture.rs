@@ -1,7 +1,7 @@
 //! The contact sheet as one picture.
 
 use super::Candidate;
-use crate::model::render::{RenderError, RenderModel, Settings, render};
+use cairn_render::{RenderError, RenderModel, Settings, render};
 use image::RgbImage;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

@@ -1,9 +1,8 @@
 //! Reads the results of a folder, and ranks them by the figures of their reports.
 
-use crate::files;
-use crate::job::{self, report::ReportFile};
-use crate::model::export::{self, Format};
-use crate::problem::{Problem, nearest};
+use cairn_export::Format;
+use cairn_files::problem::{Problem, nearest};
+use cairn_job::report::ReportFile;
 use std::borrow::Cow;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -78,7 +77,7 @@ pub fn read(folder: &Path) -> Result<(Vec<Candidate>, Vec<Problem>), Problem> {
 
 fn candidate(folder: &Path, name: &str, report: &str) -> Result<Candidate, Problem> {
     let report = folder.join(report);
-    let content: ReportFile = serde_json::from_slice(&files::read(&report)?)
+    let content: ReportFile = serde_json::from_slice(&cairn_files::read(&report)?)
         .map_err(|error| Problem::at(&report, format!("not a report: {error}"), "Bake the result again."))?;
     let shows = Format::ALL.into_iter().filter(|format| format.states_origin());
     let mut paths: Vec<PathBuf> = shows.map(|format| folder.join(format!("{name}.{}", format.extension()))).collect();
@@ -89,15 +88,15 @@ fn candidate(folder: &Path, name: &str, report: &str) -> Result<Candidate, Probl
         paths.push(first);
     }
     for path in &paths {
-        let bytes = files::read(path)?;
+        let bytes = cairn_files::read(path)?;
         if content.output_blake3 != blake3::hash(&bytes).to_hex().as_str() {
             continue;
         }
         let beside = |relative: &str| {
-            let path = job::place(folder, relative).ok_or("it leads elsewhere")?;
+            let path = cairn_job::place(folder, relative).ok_or("it leads elsewhere")?;
             std::fs::read(path).map_err(|error| error.to_string())
         };
-        let read = export::as_gltf(&bytes, &beside).map(Cow::into_owned);
+        let read = cairn_export::as_gltf(&bytes, &beside).map(Cow::into_owned);
         let bytes = read.map_err(|what| Problem::at(path, what, "Run the batch again."))?;
         return Ok(Candidate { name: name.to_owned(), path: path.clone(), bytes, figures: content.figures() });
     }

@@ -1,13 +1,14 @@
 //! Any bytes as a glTF file, and any mesh as a prop.
 
 use super::{contents, root};
-use cairn_core::asset::{self, Limits, ProblemKind, Source};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{Model, Prop, Scene};
-use cairn_core::prepare::{check, shape};
+use cairn_engine::shape;
+use cairn_geometry::mesh::TriMesh;
 use cairn_gltf::Document;
+use cairn_input::asset::{self, Limits, ProblemKind, Source};
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, Params};
+use cairn_input::scene::{Model, Prop, Scene};
+use cairn_prepare::check;
 use glam::DVec3;
 
 /// What a small file may cost: far less than what a large one may.

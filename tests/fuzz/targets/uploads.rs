@@ -1,7 +1,7 @@
 //! Any bytes as calls of the service: each ends with a status, and the store holds what was announced or nothing.
 
-use cairn::in_process::InProcess;
-use cairn::wire::proto::{AssetHeader, HaveAssetsRequest, ListBakesRequest, UploadAssetRequest};
+use cairn_service::in_process::InProcess;
+use cairn_wire::proto::{AssetHeader, HaveAssetsRequest, ListBakesRequest, UploadAssetRequest};
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::cell::RefCell;

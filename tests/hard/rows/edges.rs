@@ -3,9 +3,9 @@
 use super::engines::{Engine, FPS, run};
 use super::scenes::{at, block, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::scene::{Keyframe, Model, Scene, StaticModel};
 use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_4;
 

@@ -3,11 +3,11 @@
 use super::engines::Engine;
 use super::scenes::{block, disc, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::params::{Accuracy, Params, Time};
-use cairn_core::input::scene::Prop;
-use cairn_core::prepare::shape::{Shape, Size};
-use cairn_core::world::{Insertion, Units, World};
+use cairn_engine::shape::{Shape, Size};
+use cairn_engine::world::{Insertion, Units, World};
+use cairn_geometry::pose::Pose;
+use cairn_input::params::{Accuracy, Params, Time};
+use cairn_input::scene::Prop;
 use glam::{DQuat, DVec3};
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::prelude::*;

@@ -1,13 +1,14 @@
 //! The two that a case is run by: Cairn as it is delivered, and rapier with its default parameters.
 
 use cairn_core::bake;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
-use cairn_core::input::scene::{PlacedBody, Scene};
-use cairn_core::prepare::shape::Shape;
-use cairn_core::prepare::{check, shape};
 use cairn_core::report::Report;
+use cairn_engine::shape;
+use cairn_engine::shape::Shape;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
+use cairn_input::scene::{PlacedBody, Scene};
+use cairn_prepare::check;
 use glam::DVec3;
 use rapier3d::math::Pose as EnginePose;
 use rapier3d::prelude::*;

@@ -2,7 +2,7 @@
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use cairn_core::geometry::mesh::TriMesh;
+use cairn_geometry::mesh::TriMesh;
 
 /// A glTF file with its buffer inside.
 pub fn gltf(mesh: &TriMesh) -> String {

@@ -3,8 +3,8 @@
 use super::engines::{Engine, FPS, Motion, run};
 use super::scenes::{at, ball, block, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{PlacedBody, Scene};
+use cairn_geometry::pose::Pose;
+use cairn_input::scene::{PlacedBody, Scene};
 use glam::DVec3;
 
 const EDGE: f64 = 0.1;

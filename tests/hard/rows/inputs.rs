@@ -4,11 +4,11 @@ use super::engines::{Engine, baked, params};
 use super::scenes::{at, block, filled, placed, prop};
 use super::{Extent, Outcome, all};
 use cairn_core::Error;
-use cairn_core::asset::{self, Source};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::params::ReleaseOrder;
-use cairn_core::prepare::check;
-use cairn_core::prepare::shape::{Shape, Size};
+use cairn_engine::shape::{Shape, Size};
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::asset::{self, Source};
+use cairn_input::params::ReleaseOrder;
+use cairn_prepare::check;
 use glam::{DAffine3, DVec3};
 
 fn turned_over(mut mesh: TriMesh) -> TriMesh {
@@ -75,7 +75,7 @@ pub fn bad_container(engine: Engine, _: Extent) -> Outcome {
         let scene = filled(mesh, prop("brick", block(DVec3::new(0.4, 0.3, 0.2)), 0.7));
         let mut params = params(engine, 0.5);
         params.release.order = ReleaseOrder::BottomUp;
-        match cairn_core::bake(&scene, &params, &mut cairn_core::input::observer::Silent) {
+        match cairn_core::bake(&scene, &params, &mut cairn_input::observer::Silent) {
             Err(Error::Invalid(problems)) => {
                 let summary = problems.iter().any(|p| p.text.contains("open"));
                 (format!("{name}: refused, {}", if summary { "as open" } else { "without a reason" }), summary)
@@ -124,11 +124,8 @@ pub fn scaled_node(_: Engine, _: Extent) -> Outcome {
     let read = asset::read(&source).expect("a sound file").mesh;
     let prop = prop("box", read.clone(), 0.5);
     let size = Size::of(&read);
-    let shape = Shape::new(
-        &prop,
-        size,
-        &cairn_core::input::params::Params::new(cairn_core::input::params::Accuracy::Standard).physics,
-    );
+    let shape =
+        Shape::new(&prop, size, &cairn_input::params::Params::new(cairn_input::params::Accuracy::Standard).physics);
     let mass = shape.expect("a prop with volume").mass;
     let exact = 1000.0 * 0.2 * 0.4 * 0.6 * 3.0;
     let error = (mass / exact - 1.0).abs();

@@ -3,9 +3,9 @@
 use super::engines::{Engine, FPS, Motion, baked, params, run};
 use super::scenes::{asset, at, ball, block, cloud, cone, cylinder, filled, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::params::{Params, ReleaseOrder};
-use cairn_core::input::scene::Scene;
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::params::{Params, ReleaseOrder};
+use cairn_input::scene::Scene;
 use glam::DVec3;
 use rayon::prelude::*;
 

@@ -3,10 +3,10 @@
 use super::engines::{Engine, FPS, baked, params, run};
 use super::scenes::{asset, at, block, cone, cylinder, filled, placed, prop, ring};
 use super::{Extent, Outcome, all};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params};
-use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::params::{Accuracy, ControlMode, GlueMode, Params};
+use cairn_input::scene::{Keyframe, Model, Scene, StaticModel};
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 

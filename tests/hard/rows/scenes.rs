@@ -1,8 +1,8 @@
 //! The hard cases' meshes and scenes, made in code. Metres, Y up, the ground at y = 0.
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::scene::{Model, PlacedBody, Prop, Scene};
 use glam::{DQuat, DVec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -139,15 +139,15 @@ pub fn asset(name: &str) -> TriMesh {
     let bytes = std::fs::read(&path).expect("a model of the examples");
     let resolve = |uri: &str| Err(format!("{uri}: the examples have no external files"));
     let limits = Default::default();
-    let source = cairn_core::asset::Source { name, bytes: &bytes, node: None, resolve: &resolve, limits };
-    cairn_core::asset::read(&source).expect("a model of the examples is sound").mesh
+    let source = cairn_input::asset::Source { name, bytes: &bytes, node: None, resolve: &resolve, limits };
+    cairn_input::asset::read(&source).expect("a model of the examples is sound").mesh
 }
 
 /// The house of 40 cards of `examples/cards.toml`, larger by `factor`, with another friction.
 pub fn cards(factor: f64, friction: f64) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/cards.toml");
-    let tree = cairn::scene_file::SceneTree::load(&path).expect("an example is sound");
-    let mut scene = cairn::job::Job::read(&tree.to_message()).expect("an example's files are there").scene;
+    let tree = cairn_wire::scene_file::SceneTree::load(&path).expect("an example is sound");
+    let mut scene = cairn_job::Job::read(&tree.to_message()).expect("an example's files are there").scene;
     scene.bodies.retain(PlacedBody::is_stacked);
     scene.props.truncate(1);
     scene.props[0].friction = friction;

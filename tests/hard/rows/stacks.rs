@@ -3,7 +3,7 @@
 use super::engines::{Engine, FPS, Motion, run};
 use super::scenes::{at, block, cards, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::input::scene::{Keyframe, Model, Scene, StaticModel};
+use cairn_input::scene::{Keyframe, Model, Scene, StaticModel};
 use glam::DVec3;
 
 pub fn card_tower(engine: Engine, extent: Extent) -> Outcome {
@@ -41,7 +41,7 @@ pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     scene.bodies.truncate(2);
     let pulled = scene.bodies.remove(0);
     let model = Model::new("pulled", scene.props[0].model.mesh.clone());
-    let out = cairn_core::geometry::pose::Pose { translation: pulled.pose.translation + DVec3::Z * 0.3, ..pulled.pose };
+    let out = cairn_geometry::pose::Pose { translation: pulled.pose.translation + DVec3::Z * 0.3, ..pulled.pose };
     let keys = vec![Keyframe { time: START, pose: pulled.pose }, Keyframe { time: START + 0.3, pose: out }];
     scene.statics.push(StaticModel { model, friction: 0.05, keys });
     let motion = run(engine, &scene, START + 2.0);
@@ -62,7 +62,7 @@ pub fn card_pull(engine: Engine, _: Extent) -> Outcome {
     ])
 }
 
-fn cube(edge: f64) -> cairn_core::input::scene::Prop {
+fn cube(edge: f64) -> cairn_input::scene::Prop {
     prop("cube", block(DVec3::splat(edge)), 0.7)
 }
 

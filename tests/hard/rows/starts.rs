@@ -3,9 +3,9 @@
 use super::engines::{Engine, Motion, params, run};
 use super::scenes::{at, block, cloud, placed, prop};
 use super::{Extent, Outcome, all};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::{Silent, Stage};
-use cairn_core::stages::cache::NoCache;
+use cairn_core::cache::NoCache;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Silent, Stage};
 use glam::DVec3;
 
 pub fn needles(engine: Engine, _: Extent) -> Outcome {

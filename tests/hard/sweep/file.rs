@@ -2,9 +2,9 @@
 
 use super::recipe::Recipe;
 use crate::rows::gltf::gltf;
-use cairn::scene_file::SceneTree;
-use cairn::wire::proto;
-use cairn::wire::to_proto;
+use cairn_wire::proto;
+use cairn_wire::scene_file::SceneTree;
+use cairn_wire::to_proto;
 use std::path::{Path, PathBuf};
 
 /// Writes `scene.toml` and its models. Returns the scene file's path.

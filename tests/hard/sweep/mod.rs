@@ -4,10 +4,11 @@
 pub mod file;
 pub mod recipe;
 
-use cairn_core::input::observer::Silent;
-use cairn_core::prepare::{check, shape};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
+use cairn_engine::shape;
+use cairn_input::observer::Silent;
+use cairn_prepare::check;
 use glam::DVec3;
 use recipe::Recipe;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -33,7 +34,7 @@ const FILL_OVERLAP: f64 = 0.25;
 /// Bakes a recipe; an error is a violated invariant.
 pub fn run(recipe: &Recipe) -> Result<Verdict, String> {
     let (scene, params) = recipe.scene();
-    cairn_core::invariants::check_always();
+    cairn_engine::invariants::check_always();
     let baked = catch_unwind(AssertUnwindSafe(|| bake(&scene, &params, &mut Silent)));
     let baked = baked.map_err(|panic| {
         let text = panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied());
@@ -65,7 +66,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     let shapes = shape::run(&scene, &params, &checked.sizes, &mut Silent).map_err(|e| e.to_string())?;
     let (d, g) = (checked.diameter, params.gravity);
     let must = |holds: bool, violation: String| if holds { Ok(()) } else { Err(violation) };
-    let finite = |p: &cairn_core::geometry::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
+    let finite = |p: &cairn_geometry::pose::Pose| p.translation.is_finite() && p.rotation.is_finite();
     must(bake.pile.frames.iter().flatten().all(finite), "a pose is not finite".into())?;
 
     let count = |name: &str| bake.report.counts[name];
@@ -74,7 +75,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     must(count("verdicts_undecided") == 0 && verdicts == count("analyses"), "a verdict is undecided".into())?;
 
     // From here on by centres of mass.
-    let center = |frame: &[cairn_core::geometry::pose::Pose], k: usize| -> DVec3 {
+    let center = |frame: &[cairn_geometry::pose::Pose], k: usize| -> DVec3 {
         let body = bake.pile.bodies[k];
         shapes[body.prop].body_pose(&frame[k], body.scale).translation
     };
@@ -96,7 +97,7 @@ fn judge(recipe: &Recipe, bake: &Bake) -> Result<(), String> {
     let all: f64 = (0..bodies).map(mass).sum();
     // By heights: what is pushed out of another body moves without momentum, so that frames do not give the kinetic
     // energy. It is bounded by the speeds; the guard in the bake weighs all of it.
-    let energy = |frame: &[cairn_core::geometry::pose::Pose]| {
+    let energy = |frame: &[cairn_geometry::pose::Pose]| {
         (0..bodies).map(|k| mass(k) * g * (center(frame, k).y - checked.ground)).sum::<f64>()
     };
     let start = energy(first);

@@ -1,13 +1,14 @@
 //! How a random scene is made: few numbers, so that a failure shrinks to few.
 
 use crate::rows::scenes::{ball, block, cone, cylinder, prop};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
-use cairn_core::input::scene::{Model, PlacedBody, Prop, Scene};
-use cairn_core::prepare::{check, shape};
-use cairn_core::world::{ContactPair, Insertion, PairSide, Units, World};
+use cairn_engine::shape;
+use cairn_engine::world::{ContactPair, Insertion, PairSide, Units, World};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, ControlMode, GlueMode, Params, ReleaseOrder, Switch};
+use cairn_input::scene::{Model, PlacedBody, Prop, Scene};
+use cairn_prepare::check;
 use glam::{DAffine3, DQuat, DVec3};
 use proptest::prelude::*;
 use std::collections::BTreeSet;

@@ -1,8 +1,8 @@
 //! A collection of models of others, as examples bake it: a folder with a `MANIFEST.tsv` (name, kind, source, licence,
 //! bytes, triangles, watertight, ...), named in `CAIRN_COLLECTION`, or `../shared/data` beside the workspace.
 
-use cairn_core::asset::{self, Limits, Source};
-use cairn_core::input::scene::Model;
+use cairn_input::asset::{self, Limits, Source};
+use cairn_input::scene::Model;
 use std::path::{Path, PathBuf};
 
 pub fn folder() -> PathBuf {

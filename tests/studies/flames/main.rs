@@ -8,8 +8,8 @@ mod names;
 mod piles;
 
 use anyhow::Context;
-use cairn_core::input::observer::Silent;
 use cairn_core::report::bake::Bake;
+use cairn_input::observer::Silent;
 use clap::Parser;
 use names::short;
 use pprof::flamegraph::{self, Options};
@@ -52,7 +52,7 @@ type Stacks = BTreeMap<Vec<String>, usize>;
 
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
-    cairn::job::machine::use_threads(1)?;
+    cairn_job::machine::use_threads(1)?;
     std::fs::create_dir_all(&args.out)?;
     let mut text = String::new();
     for (name, file, set) in piles::SMALL {
@@ -156,7 +156,7 @@ fn into_page(page: &Path, text: &str) -> anyhow::Result<()> {
     let (head, rest) = old.split_once(MARKS[0]).context("the page has no mark")?;
     let (_, tail) = rest.split_once(MARKS[1]).context("the page has no end mark")?;
     let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
-    let machine = cairn::job::machine::name();
+    let machine = cairn_job::machine::name();
     let head = format!("{head}{}{}, Cairn {}, {machine}.\n\n", MARKS[0], &date[..10], env!("CARGO_PKG_VERSION"));
     Ok(std::fs::write(page, format!("{head}{text}{}{tail}", MARKS[1]))?)
 }

@@ -2,7 +2,7 @@
 
 use crate::scenes::{self, Kind};
 use anyhow::{Context, ensure};
-use cairn::job::machine;
+use cairn_job::machine;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;

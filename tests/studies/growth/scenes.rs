@@ -3,11 +3,11 @@
 
 use crate::gltf::gltf;
 use anyhow::{Context, anyhow, ensure};
-use cairn::job::Job;
-use cairn::problem::Problem;
-use cairn::scene_file::SceneTree;
-use cairn::wire::proto;
-use cairn_core::geometry::mesh::TriMesh;
+use cairn_files::problem::Problem;
+use cairn_geometry::mesh::TriMesh;
+use cairn_job::Job;
+use cairn_wire::proto;
+use cairn_wire::scene_file::SceneTree;
 use glam::{DVec3, Vec3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;

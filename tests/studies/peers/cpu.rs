@@ -1,7 +1,7 @@
 //! CPU time of a bake.
 
-use cairn_core::input::observer::{Observer, Progress, Stage};
 use cairn_core::report::Report;
+use cairn_input::observer::{Observer, Progress, Stage};
 use cpu_time::ProcessTime;
 use std::ops::ControlFlow;
 

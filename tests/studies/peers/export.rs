@@ -4,8 +4,8 @@ use crate::format::{PeerScene, PeerShape};
 use crate::pile::Full;
 use crate::shapes::{peer_body, peer_shape};
 use anyhow::{anyhow, ensure};
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::check;
+use cairn_input::scene::Scene;
+use cairn_prepare::check;
 
 /// The pile right after turning over.
 pub fn scene(full: &Full, frames: u32) -> anyhow::Result<PeerScene> {

@@ -4,17 +4,17 @@ use crate::format::{PeerBody, PeerScene, PeerShape};
 use crate::pile;
 use crate::shapes::pose;
 use anyhow::{Context, ensure};
-use cairn::job::Job;
-use cairn_core::geometry::contact::REAL_CONTACT;
-use cairn_core::geometry::interior::MeshInterior;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::FillMethod;
-use cairn_core::input::scene::PlacedBody;
-use cairn_core::measure::{Instances, Overlap, Penetration, ShapeMeasurer, kept_shape, penetration};
-use cairn_core::stages::cache::NoCache;
-use cairn_core::world::ContactPair;
+use cairn_core::cache::NoCache;
+use cairn_engine::world::ContactPair;
+use cairn_geometry::contact::REAL_CONTACT;
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::measure::{Instances, Overlap, Penetration, ShapeMeasurer, kept_shape, penetration};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::FillMethod;
+use cairn_input::scene::PlacedBody;
+use cairn_job::Job;
 use serde::Serialize;
 
 #[derive(Serialize)]

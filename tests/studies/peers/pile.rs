@@ -1,15 +1,16 @@
 //! A scene, and its full container.
 
 use anyhow::{Context, anyhow};
-use cairn::job::Job;
-use cairn::job::reuse::BakeCache;
-use cairn::scene_file::SceneTree;
 use cairn_core::FullContainer;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::scene::PlacedBody;
-use cairn_core::prepare::shape::Shape;
-use cairn_core::prepare::{check, shape};
-use cairn_core::sim::step::Simulation;
+use cairn_engine::shape;
+use cairn_engine::shape::Shape;
+use cairn_input::observer::Silent;
+use cairn_input::scene::PlacedBody;
+use cairn_job::Job;
+use cairn_job::reuse::BakeCache;
+use cairn_motion::step::Simulation;
+use cairn_prepare::check;
+use cairn_wire::scene_file::SceneTree;
 use std::path::{Path, PathBuf};
 
 /// A scene whose container is full.
@@ -22,7 +23,7 @@ pub struct Full {
 
 /// Reads a scene file. What comes later than the pile is left out.
 pub fn read(file: &Path, set: &[String]) -> anyhow::Result<Job> {
-    let invalid = |problems: Vec<cairn::problem::Problem>| {
+    let invalid = |problems: Vec<cairn_files::problem::Problem>| {
         anyhow!(problems.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))
     };
     let mut tree = SceneTree::load(file).map_err(invalid).with_context(|| file.display().to_string())?;

@@ -2,8 +2,8 @@
 
 use crate::format::{PeerBody, PeerShape, PeerSolid};
 use anyhow::ensure;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::prepare::shape::{Shape, Solid};
+use cairn_engine::shape::{Shape, Solid};
+use cairn_geometry::pose::Pose;
 use glam::{DMat3, DQuat, DVec3};
 
 /// A box may lie this far from the centre of mass, in diameters: engines take it as lying there.

@@ -2,17 +2,17 @@
 #![allow(dead_code, reason = "each uses a part")]
 
 use anyhow::{Context, anyhow};
-use cairn::job::Job;
-use cairn::problem::Problem;
-use cairn::scene_file::SceneTree;
+use cairn_analysis::pile_equilibrium::PileEquilibrium;
 use cairn_core::FullContainer;
-use cairn_core::geometry::contact::REAL_CONTACT;
-use cairn_core::input::observer::Silent;
-use cairn_core::sim::pile_equilibrium::PileEquilibrium;
-use cairn_core::sim::step::Simulation;
-use cairn_core::stages::cache::NoCache;
-use cairn_core::world::World;
+use cairn_core::cache::NoCache;
+use cairn_engine::world::World;
+use cairn_files::problem::Problem;
+use cairn_geometry::contact::REAL_CONTACT;
+use cairn_input::observer::Silent;
+use cairn_job::Job;
+use cairn_motion::step::Simulation;
 use cairn_statics::global::{self, Balance, Objective};
+use cairn_wire::scene_file::SceneTree;
 use std::path::Path;
 
 /// Small versions of the scenes of this folder: name, scene file, what is set in it.

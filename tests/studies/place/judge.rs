@@ -1,11 +1,11 @@
 //! How far visible meshes reach into scenery, by points on their surfaces: trusts nothing that the bake was made with.
 
-use cairn_core::geometry::interior::MeshInterior;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::topology;
-use cairn_core::input::scene::Scene;
-use cairn_core::measure::smallest_extent;
 use cairn_core::report::bake::Bake;
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::measure::smallest_extent;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::topology;
+use cairn_input::scene::Scene;
 use glam::DVec3;
 
 pub struct Judged {

@@ -10,12 +10,12 @@ mod judge;
 mod scenes;
 
 use anyhow::{Context, bail};
-use cairn_core::asset::{self, Limits, Source};
-use cairn_core::input::observer::{Observer, Progress};
-use cairn_core::input::params::{Accuracy, FillMethod, Params};
-use cairn_core::input::scene::{Model, Scene};
+use cairn_core::cache::NoCache;
 use cairn_core::report::bake::Bake;
-use cairn_core::stages::cache::NoCache;
+use cairn_input::asset::{self, Limits, Source};
+use cairn_input::observer::{Observer, Progress};
+use cairn_input::params::{Accuracy, FillMethod, Params};
+use cairn_input::scene::{Model, Scene};
 use clap::Parser;
 use cpu_time::ProcessTime;
 use std::io::Write;
@@ -194,7 +194,7 @@ fn replace_props(cases: &mut [scenes::Case], folder: &std::path::Path) -> anyhow
     }
     for (i, case) in cases.iter_mut().enumerate() {
         let (name, mesh) = &models[i % models.len()];
-        let size = |mesh: &cairn_core::geometry::mesh::TriMesh| mesh.bounds().0.distance(mesh.bounds().1);
+        let size = |mesh: &cairn_geometry::mesh::TriMesh| mesh.bounds().0.distance(mesh.bounds().1);
         let own = &mut case.scene.props[0];
         let mesh = mesh.scaled(size(&own.model.mesh) / size(mesh));
         own.model = Model::new(name.clone(), mesh);

@@ -1,7 +1,7 @@
 //! The scenes of the study: shapes among scenery, made in code. Metres, Y up.
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::scene::{Model, Prop, Scene, StaticModel};
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::scene::{Model, Prop, Scene, StaticModel};
 use glam::{DMat3, DVec3};
 use std::f64::consts::TAU;
 

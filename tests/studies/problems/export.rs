@@ -4,11 +4,11 @@ use crate::format::{PeerBody, PeerLaunch, PeerRun, PeerScene, PeerScenery, PeerS
 use crate::problem::{FPS, GRAVITY, Problem, ours};
 use crate::shapes::{peer_body, peer_shape, pose};
 use anyhow::ensure;
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::{Prop, Scene, StaticModel};
-use cairn_core::prepare::shape::{Shape, Size, Solid, hull_mesh};
+use cairn_engine::shape::{Shape, Size, Solid, hull_mesh};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::params::{Accuracy, Params};
+use cairn_input::scene::{Prop, Scene, StaticModel};
 use glam::DVec3;
 
 /// Other engines get what the problem says: boxes, balls and hulls, exactly.

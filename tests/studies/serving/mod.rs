@@ -1,10 +1,10 @@
 //! A server for a study, and bakes for it.
 
 use anyhow::{Context, Result};
-use cairn::client::Target;
-use cairn::scene_file::SceneTree;
-use cairn::wire::proto::bake_event::Kind;
-use cairn::wire::proto::{AssetReference, BakeRequest, BakeResponse, BakeSpec, Summary};
+use cairn_service::client::Target;
+use cairn_wire::proto::bake_event::Kind;
+use cairn_wire::proto::{AssetReference, BakeRequest, BakeResponse, BakeSpec, Summary};
+use cairn_wire::scene_file::SceneTree;
 use sha2::{Digest, Sha256};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};

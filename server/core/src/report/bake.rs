@@ -1,11 +1,11 @@
 //! The types of a finished bake.
 
-use crate::geometry::pose::Pose;
-use crate::prepare::shape::{Shape, Solid};
 use crate::report::Report;
-use crate::sim::instance::Instance;
-use crate::sim::pile::Pile;
-use crate::world::Role;
+use cairn_engine::shape::{Shape, Solid};
+use cairn_engine::world::Role;
+use cairn_geometry::pose::Pose;
+use cairn_motion::instance::Instance;
+use cairn_motion::pile::Pile;
 use glam::{DQuat, DVec3};
 
 /// Masses that differ by less than this share are one.

@@ -1,6 +1,6 @@
 //! CPU seconds by stage of the bake.
 
-use crate::input::observer::{Observer, Stage};
+use cairn_input::observer::{Observer, Stage};
 use std::collections::BTreeMap;
 
 /// CPU seconds by stage.

@@ -2,12 +2,12 @@
 //! cannot carry.
 
 use super::inputs::NamedFigures;
-use crate::error::Error;
-use crate::geometry::contact::{self, Bearing, REAL_CONTACT};
-use crate::measure::{self, Overlap};
-use crate::sim::pile::REST_SPEED;
-use crate::sim::pile_equilibrium::PileEquilibrium;
-use crate::world::{BodyId, ContactPair, PairSide, World};
+use cairn_analysis::pile_equilibrium::PileEquilibrium;
+use cairn_engine::world::{BodyId, ContactPair, PairSide, World};
+use cairn_geometry::contact::{self, Bearing, REAL_CONTACT};
+use cairn_geometry::measure::{self, Overlap};
+use cairn_input::error::Error;
+use cairn_motion::pile::REST_SPEED;
 use cairn_statics::glue::GlueError;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;

@@ -1,10 +1,10 @@
 //! The counts of a bake.
 
 use super::inputs::ReportInputs;
-use crate::prepare::effects::{Count, EffectName};
-use crate::prepare::shape::ShapeKind;
-use crate::sim::step::Simulation;
-use crate::world::WorldCounters;
+use cairn_engine::shape::ShapeKind;
+use cairn_engine::world::WorldCounters;
+use cairn_motion::step::Simulation;
+use cairn_prepare::effects::{Count, EffectName};
 use std::collections::BTreeMap;
 
 /// All counts. `freed_steps`: of the further simulation without control.

@@ -1,8 +1,8 @@
 //! Figures of how the bodies come in, and warnings about it.
 
 use super::inputs::NamedFigures;
-use crate::input::params;
-use crate::stages::entrance::{Entrance, EntranceFigures};
+use cairn_input::params;
+use cairn_show::entrance::{Entrance, EntranceFigures};
 use std::collections::BTreeMap;
 
 /// Cuts beyond this share of a thickness are seen.
@@ -46,8 +46,8 @@ pub fn warnings(found: &EntranceFigures, asked: &params::Entrance) -> Vec<String
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::input::params::{Accuracy, Params};
     use crate::testing::says_only;
+    use cairn_input::params::{Accuracy, Params};
 
     #[test]
     fn each_warning_about_an_entrance_has_its_cause() {

@@ -3,12 +3,12 @@
 use super::bake::{BakedGlue, BakedGlueDot};
 use super::inputs::NamedFigures;
 use super::warnings::bodies;
-use crate::error::counted;
-use crate::measure;
-use crate::sim::glue::Joint;
-use crate::sim::step::Simulation;
-use crate::stages::glue::{Glued, MOST_MOVED};
-use crate::world::{BodyId, Role};
+use crate::glue::{Glued, MOST_MOVED};
+use cairn_engine::world::{BodyId, Role};
+use cairn_geometry::measure;
+use cairn_input::error::counted;
+use cairn_motion::glue::Joint;
+use cairn_motion::step::Simulation;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The glue as it is at the end.
@@ -112,8 +112,8 @@ pub fn warnings(glued: &Glued, diameter: f64, bound: f64) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::{Glued, warnings};
-    use crate::sim::glue::Joint;
     use crate::testing::says_only;
+    use cairn_motion::glue::Joint;
     use glam::DVec3;
 
     #[test]

@@ -1,21 +1,21 @@
 //! The inputs of a report.
 
 use super::bake::BakedPile;
-use crate::geometry::mesh::TriMesh;
-use crate::geometry::pose::Pose;
-use crate::input::observer::{Progress, Stage};
-use crate::input::params::Params;
-use crate::input::scene::Scene;
-use crate::prepare::container::Container;
-use crate::prepare::container::core::Core;
-use crate::prepare::effects::Resolved;
-use crate::prepare::plan::Plan;
-use crate::prepare::shape::Shape;
-use crate::stages::entrance::Entrance;
-use crate::stages::fill::Filled;
-use crate::stages::glue::Glued;
-use crate::stages::hold::HoldOutcome;
-use crate::stages::separate::Separation;
+use crate::fill::Filled;
+use crate::glue::Glued;
+use crate::separate::Separation;
+use cairn_engine::shape::Shape;
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Progress, Stage};
+use cairn_input::params::Params;
+use cairn_input::scene::Scene;
+use cairn_motion::hold::HoldOutcome;
+use cairn_prepare::container::Container;
+use cairn_prepare::container::core::Core;
+use cairn_prepare::effects::Resolved;
+use cairn_prepare::plan::Plan;
+use cairn_show::entrance::Entrance;
 use std::collections::BTreeMap;
 
 /// Figures by name; `None` where a figure has no meaning for the scene.

@@ -2,12 +2,12 @@
 
 use super::inputs::ReportInputs;
 use super::{Name, Report, contacts, counts, entrance, glue, motion, shape, tidiness, visible, warnings};
-use crate::error::Error;
-use crate::geometry::contact::REAL_CONTACT;
-use crate::input::observer::{Observer, Stage, observe};
-use crate::prepare::effects::{Count, EffectName, OwnSeconds, bill};
-use crate::sim::step::Simulation;
-use crate::stages::{free_pour, free_standing};
+use crate::{free_pour, free_standing};
+use cairn_geometry::contact::REAL_CONTACT;
+use cairn_input::error::Error;
+use cairn_input::observer::{Observer, Stage, observe};
+use cairn_motion::step::Simulation;
+use cairn_prepare::effects::{Count, EffectName, OwnSeconds, bill};
 use std::collections::BTreeMap;
 
 /// The report. `spent`: CPU seconds by stage so far, of which its own are the rest.

@@ -18,13 +18,13 @@ mod warnings;
 pub use bake::{BakedGlue, BakedGlueDot};
 pub use glue::baked as baked_glue;
 
-use crate::input::observer::Stage;
-use crate::input::params::Params;
-use crate::prepare::effects::{Charge, Count};
-use crate::prepare::plan::Plan;
-use crate::prepare::shape::ShapeFit;
-use crate::stages::collapse::Collapse;
-use crate::stages::taking_apart::RemovedBody;
+use cairn_engine::shape::ShapeFit;
+use cairn_input::observer::Stage;
+use cairn_input::params::Params;
+use cairn_prepare::effects::{Charge, Count};
+use cairn_prepare::plan::Plan;
+use cairn_show::collapse::Collapse;
+use cairn_show::taking_apart::RemovedBody;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 

@@ -1,14 +1,14 @@
 //! Figures of motion and control, and the limits of the accuracy.
 
 use super::inputs::{NamedFigures, ReportInputs};
-use crate::geometry::pose::Pose;
-use crate::input::params::ControlMode;
-use crate::input::scene::PlacedBody;
-use crate::measure;
-use crate::sim::pile::Pile;
-use crate::sim::step::Simulation;
-use crate::stages::glue::policy::MOVED;
-use crate::world::World;
+use crate::glue::policy::MOVED;
+use cairn_engine::world::World;
+use cairn_geometry::measure;
+use cairn_geometry::pose::Pose;
+use cairn_input::params::ControlMode;
+use cairn_input::scene::PlacedBody;
+use cairn_motion::pile::Pile;
+use cairn_motion::step::Simulation;
 use std::collections::BTreeMap;
 
 /// Figures of the motion.

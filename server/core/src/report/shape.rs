@@ -1,15 +1,15 @@
 //! Figures of the pile's shape against the control mesh.
 
 use super::inputs::{NamedFigures, ReportInputs};
-use crate::error::Error;
-use crate::geometry::interior::MeshInterior;
-use crate::geometry::mesh::TriMesh;
-use crate::geometry::pose::Pose;
-use crate::input::observer::{Observer, observe};
-use crate::measure::{self, ShapeMeasurer, ShapeMeasures};
-use crate::prepare::effects::EffectName;
-use crate::sim::instance::Instance;
-use crate::sim::pile::Pile;
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::measure::{self, ShapeMeasurer, ShapeMeasures};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::error::Error;
+use cairn_input::observer::{Observer, observe};
+use cairn_motion::instance::Instance;
+use cairn_motion::pile::Pile;
+use cairn_prepare::effects::EffectName;
 use std::collections::BTreeSet;
 
 /// The figures that are null where nothing is measured.

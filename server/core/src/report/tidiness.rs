@@ -1,10 +1,10 @@
 //! Tidiness of the pile: flat, aligned and bonded bodies.
 
 use super::inputs::NamedFigures;
-use crate::geometry::pose::Pose;
-use crate::geometry::rectangle::{convex_hull, smallest_rectangle};
-use crate::prepare::shape::{Shape, corners};
-use crate::world::{BodyId, ContactPair, PairSide, World};
+use cairn_engine::shape::{Shape, corners};
+use cairn_engine::world::{BodyId, ContactPair, PairSide, World};
+use cairn_geometry::pose::Pose;
+use cairn_geometry::rectangle::{convex_hull, smallest_rectangle};
 use glam::DVec2;
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::FRAC_PI_2;
@@ -20,7 +20,7 @@ const UPWARD: f64 = 0.5;
 /// bodies whose headings differ by a multiple of 90 degrees (within [`STRAIGHT`]). `bonded_share`: of the bodies that
 /// lie on others, those that lie on two or more.
 ///
-/// `pairs`: the contact pairs up to [`crate::geometry::contact::REAL_CONTACT`].
+/// `pairs`: the contact pairs up to [`cairn_geometry::contact::REAL_CONTACT`].
 pub fn figures(world: &World, shapes: &[Shape], pairs: &[ContactPair]) -> NamedFigures {
     let length = world.units.length;
     let bodies: Vec<BodyId> = world.present().collect();

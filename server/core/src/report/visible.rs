@@ -1,9 +1,9 @@
 //! Figures of what a camera sees where bodies meet.
 
 use super::inputs::{NamedFigures, ReportInputs};
-use crate::geometry::mesh::TriMesh;
-use crate::measure;
-use crate::world::{ContactPair, PairSide, World};
+use cairn_engine::world::{ContactPair, PairSide, World};
+use cairn_geometry::measure;
+use cairn_geometry::mesh::TriMesh;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Collision shapes touch up to this gap, in thicknesses of the thinner body.

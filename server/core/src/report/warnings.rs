@@ -3,17 +3,17 @@
 
 use super::contacts::{self, Cut, InScenery};
 use super::inputs::{NamedFigures, ReportInputs};
-use crate::error::counted;
-use crate::measure::ShapeMeasures;
-use crate::prepare::check::FLOATING;
-use crate::prepare::container::Container;
-use crate::prepare::shape::{Size, corners};
-use crate::sim::guard;
-use crate::sim::step::Simulation;
-use crate::stages::fill::{Filled, Removed, Shaken};
-use crate::stages::hold::HoldOutcome;
-use crate::stages::separate::Separation;
-use crate::world::BodyId;
+use crate::fill::{Filled, Removed, Shaken};
+use crate::separate::Separation;
+use cairn_engine::shape::{Size, corners};
+use cairn_engine::world::BodyId;
+use cairn_geometry::measure::ShapeMeasures;
+use cairn_input::error::counted;
+use cairn_motion::guard;
+use cairn_motion::hold::HoldOutcome;
+use cairn_motion::step::Simulation;
+use cairn_prepare::check::FLOATING;
+use cairn_prepare::container::Container;
 
 /// If more of the volume than this lies in pockets, the user is warned.
 const MOST_POCKETS: f64 = 0.02;
@@ -255,9 +255,9 @@ mod tests {
     use super::{
         Guarded, HoldOutcome, Removed, Shaken, fallen, poor_fill, removed, rest, separation, shaken, unsupported,
     };
-    use crate::sim::guard::{AsideReason, describe_aside};
-    use crate::stages::separate::Separation;
+    use crate::separate::Separation;
     use crate::testing::says_only;
+    use cairn_motion::guard::{AsideReason, describe_aside};
 
     /// Each remedy is that of its cause.
     #[test]

@@ -1,8 +1,8 @@
 //! Small scenes, made in code. No test needs all of them. Bakes of them check the invariants after each step.
 #![allow(dead_code)]
 
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::input::scene::{Model, Prop, Scene};
+use cairn_geometry::mesh::TriMesh;
+use cairn_input::scene::{Model, Prop, Scene};
 use glam::DVec3;
 
 /// A closed cone on the ground, of this radius and height, with 32 sides.
@@ -48,7 +48,7 @@ pub fn block(size: DVec3) -> TriMesh {
 
 /// A scene of one prop.
 pub fn scene(control: TriMesh, prop: TriMesh) -> Scene {
-    cairn_core::invariants::check_always();
+    cairn_engine::invariants::check_always();
     let model = |name: &str, mesh| Model::new(name, mesh);
     Scene {
         control: Some(model("control", control)),

@@ -11,10 +11,10 @@ use super::scene_args::SceneArgs;
 use super::{Failure, interrupt, output, print, print_error};
 use crate::batch::finished::{Assets, RequestHashes, is_finished};
 use crate::batch::{Matrix, Seeds, Span, Variant, Vary};
-use crate::failpoints;
-use crate::job::{Job, Refused};
-use crate::model::export::Format;
-use crate::problem::Problem;
+use cairn_export::Format;
+use cairn_files::failpoints;
+use cairn_files::problem::Problem;
+use cairn_job::{Job, Refused};
 use overview::{BatchProgress, VariantOutcome};
 use process_pool::{BakeEnd, PoolEvent, PoolTask};
 use rayon::prelude::*;
@@ -168,7 +168,7 @@ fn check(args: &Args, variants: &[Variant], missing: &[usize]) -> Result<(), Fai
     let (mut problems, mut notes) = (Vec::<Problem>::new(), Vec::new());
     let mut folders = BTreeSet::new();
     for variant in missing.iter().map(|&i| &variants[i]) {
-        let folder = crate::files::folder_of(&variant.output);
+        let folder = cairn_files::folder_of(&variant.output);
         if folders.insert(folder) {
             failpoints::at("batch-folder")
                 .and_then(|()| std::fs::create_dir_all(folder))

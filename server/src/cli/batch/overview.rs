@@ -4,7 +4,7 @@ use super::process_pool::BakeEnd;
 use crate::batch::Variant;
 use crate::cli;
 use crate::cli::progress::{Display, Mode, openjd};
-use crate::job::report::ReportFile;
+use cairn_job::report::ReportFile;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;

@@ -2,7 +2,7 @@
 //! affects only that bake.
 
 use crate::cli::interrupt;
-use crate::failpoints;
+use cairn_files::failpoints;
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::ffi::OsString;

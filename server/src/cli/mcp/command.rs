@@ -1,7 +1,7 @@
 //! Runs a command of this program for a call of a tool.
 
-use crate::job::pace::overall_at;
-use cairn_core::input::observer::Stage;
+use cairn_input::observer::Stage;
+use cairn_job::pace::overall_at;
 use rmcp::RoleServer;
 use rmcp::model::ProgressNotificationParam;
 use rmcp::service::RequestContext;
@@ -162,7 +162,7 @@ impl Cairn {
 impl ProgressLine {
     async fn send(&self, context: &RequestContext<RoleServer>) {
         let Some(token) = context.meta.get_progress_token() else { return };
-        let message = format!("{}, {} bodies", crate::job::pace::name(self.stage), self.bodies);
+        let message = format!("{}, {} bodies", cairn_job::pace::name(self.stage), self.bodies);
         let progress = ProgressNotificationParam::new(token, overall_at(self.stage, self.fraction));
         // A client that does not listen any more is no fault of the command.
         let _ = context.peer.notify_progress(progress.with_total(1.0).with_message(message)).await;

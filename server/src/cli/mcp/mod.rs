@@ -147,7 +147,7 @@ impl Cairn {
 impl ServerHandler for Cairn {
     fn get_info(&self) -> ServerConfig {
         ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
-            .with_server_info(Implementation::new("cairn", crate::version::VERSION))
+            .with_server_info(Implementation::new("cairn", cairn_files::version::VERSION))
             .with_instructions(INSTRUCTIONS)
     }
 }

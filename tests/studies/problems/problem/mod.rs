@@ -10,8 +10,8 @@ pub mod results;
 mod scenes;
 
 use crate::rows::{edges, piles, places, scenes as hard, stacks};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::scene::Scene;
+use cairn_geometry::pose::Pose;
+use cairn_input::scene::Scene;
 use glam::DVec3;
 use std::ops::Range;
 

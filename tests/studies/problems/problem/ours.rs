@@ -2,12 +2,13 @@
 
 use super::cpu::{Cpu, simulation};
 use super::{FPS, Problem};
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::observer::Silent;
-use cairn_core::input::params::{Accuracy, ControlMode, FrictionModel, GlueMode, Params, ReleaseOrder, Switch, Time};
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::shape::Shape;
-use cairn_core::prepare::{check, shape};
+use cairn_engine::shape;
+use cairn_engine::shape::Shape;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use cairn_input::params::{Accuracy, ControlMode, FrictionModel, GlueMode, Params, ReleaseOrder, Switch, Time};
+use cairn_input::scene::Scene;
+use cairn_prepare::check;
 
 /// How Cairn is set.
 pub struct Variant {
@@ -89,7 +90,7 @@ pub fn run(problem: &Problem, case: usize, variant: &Variant) -> anyhow::Result<
     let shapes = shapes(&scene, &Params { physics: Params::new(Accuracy::Draft).physics, ..params.clone() })?;
     let bake = cairn_core::bake(&scene, &params, &mut Cpu)?;
     let centre =
-        |(given, pose): (&cairn_core::input::scene::PlacedBody, &Pose)| shapes[given.prop].body_pose(pose, given.scale);
+        |(given, pose): (&cairn_input::scene::PlacedBody, &Pose)| shapes[given.prop].body_pose(pose, given.scale);
     let motion = bake.pile.frames.iter().map(|poses| scene.bodies.iter().zip(poses).map(centre).collect()).collect();
     Ok(Run { motion, cpu: simulation(&bake.report) })
 }

@@ -4,11 +4,11 @@ use super::GRAVITY;
 use crate::rows::edges::{moved, scenery};
 use crate::rows::piles::RADIUS;
 use crate::rows::scenes::{at, block, globe, placed, prop};
-use cairn_core::geometry::mesh::TriMesh;
-use cairn_core::geometry::pose::Pose;
-use cairn_core::input::params::{Accuracy, Params};
-use cairn_core::input::scene::Scene;
-use cairn_core::prepare::shape::{Shape, Size};
+use cairn_engine::shape::{Shape, Size};
+use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::pose::Pose;
+use cairn_input::params::{Accuracy, Params};
+use cairn_input::scene::Scene;
 use glam::{DQuat, DVec3};
 use std::f64::consts::{PI, SQRT_2, TAU};
 

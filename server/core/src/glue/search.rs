@@ -1,0 +1,311 @@
+//! The search for joints with which a pile stands: place, release in a trial, and place again with the result of
+//! the trial. The module [`super::policy`] states the order of the steps.
+
+use super::Glued;
+use super::attempt::{Attempt, Choice};
+use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
+use super::trial::{Ends, TrialResult, Trials};
+use cairn_input::error::Error;
+use cairn_input::observer::{Observer, observe};
+use cairn_input::params::{Params, ProofEngine, Switch};
+use cairn_motion::glue::Joint;
+use cairn_motion::glue::sites::Sites;
+use cairn_prepare::effects::{EffectName, Resolved};
+use cairn_statics::glue::{self, GlueError, GlueJoint, GlueOptions};
+use glam::DVec3;
+use std::collections::BTreeSet;
+
+/// The search for joints with which the pile stands, not only on paper.
+pub struct Search<'p, 'a> {
+    params: &'p Params,
+    /// Least load at which a joint breaks.
+    least_limit: f64,
+    /// Strength of the glue; `None`: no bound. Bounded glue gets no further joints in place of strength.
+    bound: Option<f64>,
+    /// Bodies may be glued to the fixed surroundings.
+    anchors: bool,
+    /// The glued pile is released in trials.
+    proves: bool,
+    pub trials: Trials<'p, 'a>,
+    pub sites: Sites,
+    anchors_all: bool,
+    /// Joints of the attempt before, if the next one starts from them.
+    known: Vec<GlueJoint>,
+    pub iterations: u64,
+}
+
+impl<'p, 'a> Search<'p, 'a> {
+    pub fn new(sites: Sites, params: &'p Params, resolved: &Resolved, trials: Trials<'p, 'a>) -> Search<'p, 'a> {
+        Search {
+            params,
+            least_limit: params.control.break_limit(params.gravity),
+            bound: Some(resolved.glue_bound).filter(|bound| bound.is_finite()),
+            anchors: params.glue.anchor != Switch::Off,
+            proves: resolved.is_on(EffectName::GlueProof),
+            trials,
+            sites,
+            anchors_all: params.glue.anchor == Switch::On,
+            known: Vec::new(),
+            iterations: 0,
+        }
+    }
+
+    /// The first choice of joints with which the pile stands in its trial; if there is none, the best choice.
+    pub fn stable(&mut self, observer: &mut dyn Observer) -> Result<Glued, Error> {
+        let mut is_last = false;
+        let mut best: Option<Attempt> = None;
+        for number in 0..ATTEMPTS {
+            let mut attempt = self.attempt(number, observer)?;
+            is_last |= number + 1 == ATTEMPTS;
+            let joints = self.joints(&attempt);
+            // A lean matters where something can still be done against it.
+            self.trials.most_displacement = if self.anchors && !attempt.anchors_all { LEANS } else { SAGS };
+            let ends = if is_last { Ends::Late } else { Ends::Soon };
+            let engine = self.trials.engine;
+            let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, ends, observer)?;
+            let next = self.next(number, &mut attempt, trial, observer)?;
+            if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
+                best = Some(attempt);
+            }
+            match next {
+                Next::None => break,
+                _ if is_last => break,
+                Next::Other => {}
+                // Its trial runs to the end.
+                Next::Same => is_last = true,
+            }
+        }
+        let mut best = best.ok_or_else(|| Error::Internal("no joints were placed".into()))?;
+        self.trials.end = 1.0;
+        if self.bound.is_none() && !best.is_welded {
+            self.weld(&mut best, observer)?;
+        }
+        if best.stands()
+            && let Some(failed) = self.confirm(&mut best, observer)?
+        {
+            best.stood(failed);
+        }
+        self.certified(best, observer)
+    }
+
+    /// The first choice, without a trial.
+    pub fn unproven(&mut self, observer: &mut dyn Observer) -> Result<Glued, Error> {
+        let attempt = self.attempt(0, observer)?;
+        self.certified(attempt, observer)
+    }
+
+    /// Places joints with the prices and discounts so far.
+    fn attempt(&mut self, number: usize, observer: &mut dyn Observer) -> Result<Attempt, Error> {
+        // Most piles need one or two: each attempt is half of what is left.
+        let left = 0.5f64.powi(number as i32);
+        (self.trials.begin, self.trials.end) = (1.0 - left, 1.0 - left / 2.0);
+        observe(observer, &self.trials.progress(0.0))?;
+        let options = self.options();
+        let mut going = || observer.progress(&self.trials.progress(0.0));
+        let problem = self.sites.problem(DVec3::NEG_Y);
+        let choice = match self.bound {
+            // What it cannot hold is known with the certificate alone.
+            Some(_) => Choice::Certified(failure(glue::place_again(&problem, &options, &self.known, &mut going))?),
+            None => Choice::Near(failure(glue::choose(&problem, &options, &self.known, &mut going))?),
+        };
+        self.iterations += choice.iterations();
+        // Where no trial shows that the foot is wide enough, all of it is glued.
+        self.anchors_all |= self.anchors && !self.proves && !choice.joints().is_empty();
+        let absent = choice.fallen().iter().map(|&body| self.sites.ids[body]);
+        let mut attempt = Attempt {
+            absent: absent.chain(self.sites.unreachable.iter().copied()).collect(),
+            sites: self.sites.clone(),
+            choice,
+            more: BTreeSet::new(),
+            anchors_all: self.anchors_all,
+            moving: BTreeSet::new(),
+            is_welded: false,
+            is_confirmed: false,
+            displacement: 0.0,
+            moved: None,
+            poses: None,
+        };
+        attempt.glue_feet();
+        if self.bound.is_none() {
+            let pressed = attempt.joining(|site| attempt.sites.depths[site] > PRESSED);
+            attempt.more.extend(pressed);
+        }
+        Ok(attempt)
+    }
+
+    fn options(&self) -> GlueOptions {
+        let glue = &self.params.glue;
+        let (friction_factor, normal_price) = (glue.friction_factor, glue.normal_price);
+        GlueOptions { friction_factor, normal_price, strength: self.bound, rounds: glue.rounds as usize }
+    }
+
+    /// Engine units.
+    fn joints(&self, attempt: &Attempt) -> Vec<Joint> {
+        let joint = |site: usize, force: DVec3, moment: DVec3| {
+            attempt.sites.joint(site, force, moment, self.least_limit, self.params.glue.breaking)
+        };
+        let chosen = attempt.choice.joints().iter().map(|j| joint(j.site, j.force, j.moment));
+        chosen.chain(attempt.more.iter().map(|&site| joint(site, DVec3::ZERO, DVec3::ZERO))).collect()
+    }
+
+    /// Balances an attempt's joints, and proves it. Joints that are added only hold more.
+    fn certified(&mut self, mut attempt: Attempt, observer: &mut dyn Observer) -> Result<Glued, Error> {
+        let options = self.options();
+        let placement = match attempt.choice {
+            Choice::Certified(placement) => placement,
+            Choice::Near(choice) => {
+                let mut going = || observer.progress(&self.trials.progress(1.0));
+                let problem = attempt.sites.problem(DVec3::NEG_Y);
+                let before = choice.iterations;
+                let placement = failure(glue::certify(&problem, &options, &[], &choice, &mut going))?;
+                self.iterations += placement.iterations - before;
+                // Where all was chosen again, the trial was of these.
+                let dropped = choice.joints.iter().map(|joint| joint.site);
+                attempt.more.extend(dropped);
+                placement
+            }
+        };
+        placement.joints.iter().for_each(|joint| {
+            attempt.more.remove(&joint.site);
+        });
+        let sites = &attempt.sites;
+        let gaps = || placement.joints.iter().map(|joint| sites.gaps[joint.site]).filter(|gap| *gap > 0.0);
+        let glued = Glued {
+            contact_pairs: sites.real_with(&placement),
+            at_least: placement.at_least,
+            bridges: gaps().count(),
+            widest: gaps().fold(0.0, f64::max),
+            unreachable: sites.unreachable.len(),
+            too_weak: placement.fallen.len(),
+            imbalance: placement.imbalance,
+            normal_price: options.normal_price.max(sites.highest_price()),
+            anchors_all: attempt.anchors_all,
+            displacement: attempt.displacement,
+            moved: attempt.moved,
+            poses_with_glue: attempt.poses.take(),
+            ..Glued::default()
+        };
+        attempt.choice = Choice::Certified(placement);
+        Ok(Glued { joints: self.joints(&attempt), ..glued })
+    }
+
+    /// The next step after a trial. What stands as in other engines must stand in its own, too.
+    fn next(
+        &mut self,
+        number: usize,
+        attempt: &mut Attempt,
+        trial: TrialResult,
+        observer: &mut dyn Observer,
+    ) -> Result<Next, Error> {
+        let next = self.apply_policy(number, attempt, trial, observer)?;
+        match next {
+            Next::None => match self.confirm(attempt, observer)? {
+                Some(failed) => match self.apply_policy(number, attempt, failed, observer)? {
+                    // Its welds have no trial in its own engine yet.
+                    Next::None => Ok(Next::Other),
+                    other => Ok(other),
+                },
+                None => Ok(next),
+            },
+            _ => Ok(next),
+        }
+    }
+
+    /// A trial in the pile's own engine, unless there was one with these joints. Returns it if the pile fails.
+    fn confirm(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<Option<TrialResult>, Error> {
+        if attempt.is_confirmed || self.trials.engine == ProofEngine::Own {
+            return Ok(None);
+        }
+        let joints = self.joints(attempt);
+        let own = self.trials.run_in(ProofEngine::Own, &joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
+        if !own.stands() {
+            return Ok(Some(own));
+        }
+        attempt.displacement = attempt.displacement.max(own.displacement);
+        attempt.moved = attempt.moved.map(|moved| moved.max(own.moved));
+        (attempt.poses, attempt.is_confirmed) = (own.poses, true);
+        Ok(None)
+    }
+
+    /// Applies the policy to a trial. Changes sites and prices for the next attempt, and may weld this one.
+    fn apply_policy(
+        &mut self,
+        number: usize,
+        attempt: &mut Attempt,
+        trial: TrialResult,
+        observer: &mut dyn Observer,
+    ) -> Result<Next, Error> {
+        let (displacement, moved) = (trial.displacement, trial.moved);
+        let moved_a_little = trial.moved_a_little.iter().copied().collect();
+        attempt.stood(trial);
+        let leans = self.anchors && displacement > LEANS && !self.anchors_all;
+        let fails_in_places = moved <= IN_PLACES && (leans || displacement <= SAGS);
+        let is_highest_price = self.sites.is_highest_price(&PRICES);
+        let discounts = (fails_in_places || is_highest_price) && self.sites.discount_friction(&attempt.moving);
+        let is_to_be_welded = !leans && (attempt.stands() || number >= WELD_FROM || !discounts);
+        if self.bound.is_none() && fails_in_places && is_to_be_welded {
+            self.weld(attempt, observer)?;
+        }
+        self.anchors_all |= leans;
+        if fails_in_places || is_highest_price {
+            self.known = attempt.choice.joints().to_vec();
+        } else {
+            let is_local = LOCAL.contains(&number)
+                && moved <= LOCAL_MOVED
+                && self.sites.raise_normal_price(Some(&moved_a_little), &PRICES);
+            if !is_local {
+                self.sites.raise_normal_price(None, &PRICES);
+            }
+            self.known.clear();
+        }
+        Ok(match attempt.stands() && !leans {
+            true => Next::None,
+            false if is_highest_price && !discounts && !leans => Next::Same,
+            false => Next::Other,
+        })
+    }
+
+    /// Welds moving bodies to all that they touch, and bodies that move next, too.
+    fn weld(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<(), Error> {
+        attempt.is_welded = true;
+        let (mut kept, mut moving) = (attempt.more.clone(), attempt.moving.clone());
+        for _ in 0..WELD_ROUNDS {
+            if attempt.moved == Some(0.0) {
+                break;
+            }
+            let more = attempt.welds(&moving);
+            if more.is_empty() {
+                break;
+            }
+            attempt.more.extend(more);
+            let joints = self.joints(attempt);
+            let engine = self.trials.engine;
+            let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
+            moving.extend(&trial.moved_bodies);
+            if trial.displacement < attempt.displacement {
+                kept.clone_from(&attempt.more);
+                attempt.stood(trial);
+                if attempt.stands() {
+                    break;
+                }
+            }
+        }
+        attempt.more = kept;
+        Ok(())
+    }
+}
+
+/// The step after an attempt.
+enum Next {
+    None,
+    /// The next choice would be the same.
+    Same,
+    Other,
+}
+
+fn failure<T>(result: Result<T, GlueError>) -> Result<T, Error> {
+    result.map_err(|error| match error {
+        GlueError::Cancelled => Error::Cancelled,
+        other => Error::Internal(other.to_string()),
+    })
+}

@@ -1,0 +1,260 @@
+//! Contact manifolds of convex polyhedra: the points at which they touch planes, boxes, triangles and each other.
+//!
+//! The engine knows a face by its first four corners, and a plane by one face at a time. So a disc would stand on a
+//! sliver of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the
+//! ground, be pushed back, and rock forever. Here every corner counts; everything else is the engine's.
+
+mod faces;
+mod plane;
+mod sides;
+
+use crate::shape::Hull;
+use rapier3d::parry::query::details::{
+    NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_composite_shape_composite_shape,
+    contact_manifolds_composite_shape_shape, contact_manifolds_trimesh_shape_shapes,
+};
+use rapier3d::parry::query::{
+    ClosestPoints, Contact, ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher,
+    PersistentQueryDispatcher, QueryDispatcher, ShapeCastHit, ShapeDistance, ShapeIntersection, TrackedContact,
+    Unsupported,
+};
+use rapier3d::parry::shape::{PackedFeatureId, Shape};
+use rapier3d::prelude::*;
+use smallvec::SmallVec;
+
+/// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the
+/// nearest: the bodies meet there only after one has turned by as much.
+const SLOPE: f32 = 0.02;
+/// Points nearer to each other than this, engine units, are one; gaps that differ by less are the same.
+const APART: f32 = 1e-5;
+
+/// Points of one patch that are solved. Among more, the engine's solver chooses with less care.
+pub const SOLVED: usize = 4;
+/// Points of one manifold that a contact pair reports: more add next to nothing to the polygon that they span.
+pub const REPORTED: usize = 8;
+
+/// Candidates for these points that are not on the heap.
+const CANDIDATES: usize = 64;
+
+/// As many as a manifold has points; not on the heap.
+type Few<T> = SmallVec<[T; REPORTED]>;
+
+/// The engine's queries, with its own manifolds replaced where a convex polyhedron takes part.
+pub struct Manifolds {
+    /// Points of a manifold, at most.
+    pub most: usize,
+}
+
+impl<M, C> PersistentQueryDispatcher<M, C> for Manifolds
+where
+    M: Default + Clone + Send + Sync,
+    C: Default + Copy + Send + Sync,
+{
+    /// As the engine's, down to pairs of convex shapes.
+    fn contact_manifolds(
+        &self,
+        pos12: &Pose,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        prediction: f32,
+        manifolds: &mut Vec<ContactManifold<M, C>>,
+        workspace: &mut Option<ContactManifoldsWorkspace>,
+    ) -> Result<(), Unsupported> {
+        match (a.as_composite_shape(), b.as_composite_shape()) {
+            (Some(parts), Some(others)) => contact_manifolds_composite_shape_composite_shape(
+                self, pos12, parts, others, prediction, manifolds, workspace,
+            ),
+            _ if a.as_trimesh().is_some() || b.as_trimesh().is_some() => {
+                contact_manifolds_trimesh_shape_shapes(self, pos12, a, b, prediction, manifolds, workspace);
+            }
+            (Some(parts), None) => {
+                contact_manifolds_composite_shape_shape(self, pos12, parts, b, prediction, manifolds, workspace, false);
+            }
+            (None, Some(parts)) => {
+                let pos21 = &pos12.inverse();
+                contact_manifolds_composite_shape_shape(self, pos21, parts, a, prediction, manifolds, workspace, true);
+            }
+            (None, None) => {
+                if manifolds.is_empty() {
+                    manifolds.push(ContactManifold::new());
+                }
+                return self.contact_manifold_convex_convex(pos12, a, b, None, None, prediction, &mut manifolds[0]);
+            }
+        }
+        Ok(())
+    }
+
+    fn contact_manifold_convex_convex(
+        &self,
+        pos12: &Pose,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        constraints_a: Option<&dyn NormalConstraints>,
+        constraints_b: Option<&dyn NormalConstraints>,
+        prediction: f32,
+        manifold: &mut ContactManifold<M, C>,
+    ) -> Result<(), Unsupported> {
+        let constraints = (constraints_a, constraints_b);
+        let hulls = (a.as_shape::<Hull>(), b.as_shape::<Hull>());
+        if let (Some(plane), Some(body)) = (a.as_halfspace(), hulls.1) {
+            plane::update_manifold(plane, body, pos12, prediction, self.most, manifold, false);
+        } else if let (Some(body), Some(plane)) = (hulls.0, b.as_halfspace()) {
+            plane::update_manifold(plane, body, &pos12.inverse(), prediction, self.most, manifold, true);
+        } else if (hulls.0.is_some() || hulls.1.is_some()) && faces::has_faces(a) && faces::has_faces(b) {
+            faces::update_manifold(pos12, a, b, constraints, prediction, self.most, manifold);
+        } else {
+            let (of_a, of_b) = constraints;
+            return DefaultQueryDispatcher
+                .contact_manifold_convex_convex(pos12, a, b, of_a, of_b, prediction, manifold);
+        }
+        Ok(())
+    }
+}
+
+/// The frame of a contact: that of the first shape, turned so that its third axis is the normal.
+struct ContactFrame {
+    axes: Mat3,
+}
+
+impl ContactFrame {
+    fn along(normal: Vector) -> ContactFrame {
+        let (right, up) = normal.any_orthonormal_pair();
+        ContactFrame { axes: Mat3::from_cols(right, up, normal) }
+    }
+
+    fn normal(&self) -> Vector {
+        self.axes.z_axis
+    }
+
+    /// Points of a shape at `pose`.
+    fn of<'a>(&self, points: &'a [Vector], pose: &Pose) -> impl Iterator<Item = Vector> + use<'a> {
+        let to_frame = self.axes.transpose();
+        let turned = to_frame * Mat3::from_quat(pose.rotation);
+        let origin = to_frame * pose.translation;
+        points.iter().map(move |&p| turned * p + origin)
+    }
+
+    fn tracked<C: Default + Copy>(
+        &self,
+        candidate: &ContactCandidate,
+        pos12: &Pose,
+        flipped: bool,
+    ) -> TrackedContact<C> {
+        let [first, second] = candidate.at.map(|p| self.axes * p);
+        let [f1, f2] = candidate.features;
+        TrackedContact::flipped(first, pos12.inverse_transform_point(second), f1, f2, candidate.gap(), flipped)
+    }
+}
+
+/// A candidate for a contact: a point on the first shape and one on the second, in the contact's frame.
+#[derive(Clone, Copy)]
+struct ContactCandidate {
+    at: [Vector; 2],
+    features: [PackedFeatureId; 2],
+}
+
+impl ContactCandidate {
+    fn gap(&self) -> f32 {
+        self.at[1].z - self.at[0].z
+    }
+
+    fn across(&self) -> Vec2 {
+        self.at[0].truncate()
+    }
+}
+
+/// Distances that differ by less than this, engine units, are about the same. Between faces this near, the direction
+/// between the closest points is all rounding. A point that was among the chosen ones in the last step counts as nearer
+/// by this: where many are about as good, points that change from step to step would keep bodies trembling.
+const NEAR: f32 = 1e-3;
+
+/// At most `most` of the points: the nearest one, the one farthest from it, those farthest to both sides of the line
+/// through the two, each weighed against its gap; then those farthest from all of these.
+fn widest<C>(all: &[ContactCandidate], most: usize, before: &[TrackedContact<C>]) -> Few<ContactCandidate> {
+    // With its bonus.
+    let rated = |m: &ContactCandidate| {
+        let [one, other] = m.features;
+        let is_kept = |c: &TrackedContact<C>| {
+            (one.0 == c.fid1.0 && other.0 == c.fid2.0) || (one.0 == c.fid2.0 && other.0 == c.fid1.0)
+        };
+        (*m, if before.iter().any(is_kept) { NEAR } else { 0.0 })
+    };
+    let all: SmallVec<[(ContactCandidate, f32); CANDIDATES]> = all.iter().map(rated).collect();
+    let nearness = |(m, bonus): &(ContactCandidate, f32)| bonus - m.gap();
+    let Some(&(first, _)) = all.iter().max_by(|a, b| nearness(a).total_cmp(&nearness(b))) else { return Few::new() };
+    let (origin, least) = (first.across(), first.gap().max(0.0));
+    let farthest = |offset: &dyn Fn(Vec2) -> f32| {
+        let rate = |(m, bonus): &(ContactCandidate, f32)| {
+            let reach = offset(m.across() - origin);
+            (reach > APART).then(|| (reach + (bonus - (m.gap() - least).max(0.0)) / SLOPE, *m))
+        };
+        all.iter().filter_map(rate).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, m)| m)
+    };
+    let second = farthest(&|offset| offset.length());
+    let along = second.map_or(Vec2::ZERO, |m| (m.across() - origin).normalize_or_zero());
+    let sides = [farthest(&|offset| along.perp_dot(offset)), farthest(&|offset| offset.perp_dot(along))];
+    let mut chosen: Few<ContactCandidate> = [Some(first), second].into_iter().chain(sides).flatten().collect();
+    // Squares of the distances to the nearest chosen one.
+    let mut apart: SmallVec<[f32; CANDIDATES]> = SmallVec::from_elem(f32::INFINITY, all.len());
+    let mut looked = 0;
+    while chosen.len() < most {
+        for c in &chosen[looked..] {
+            let distances = all.iter().map(|(m, _)| c.across().distance_squared(m.across()));
+            apart.iter_mut().zip(distances).for_each(|(least, distance)| *least = least.min(distance));
+        }
+        looked = chosen.len();
+        match apart.iter().zip(&all).max_by(|a, b| a.0.total_cmp(b.0)) {
+            Some((&distance, &(m, _))) if distance > APART * APART => chosen.push(m),
+            _ => break,
+        }
+    }
+    chosen
+}
+
+impl QueryDispatcher for Manifolds {
+    fn intersection_test(&self, pos12: &Pose, a: &dyn Shape, b: &dyn Shape) -> Result<ShapeIntersection, Unsupported> {
+        DefaultQueryDispatcher.intersection_test(pos12, a, b)
+    }
+
+    fn distance(&self, pos12: &Pose, a: &dyn Shape, b: &dyn Shape) -> Result<ShapeDistance, Unsupported> {
+        DefaultQueryDispatcher.distance(pos12, a, b)
+    }
+
+    fn contact(&self, pos12: &Pose, a: &dyn Shape, b: &dyn Shape, reach: f32) -> Result<Option<Contact>, Unsupported> {
+        DefaultQueryDispatcher.contact(pos12, a, b, reach)
+    }
+
+    fn closest_points(
+        &self,
+        pos12: &Pose,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        reach: f32,
+    ) -> Result<ClosestPoints, Unsupported> {
+        DefaultQueryDispatcher.closest_points(pos12, a, b, reach)
+    }
+
+    fn cast_shapes(
+        &self,
+        pos12: &Pose,
+        velocity: Vector,
+        a: &dyn Shape,
+        b: &dyn Shape,
+        options: ShapeCastOptions,
+    ) -> Result<Option<ShapeCastHit>, Unsupported> {
+        DefaultQueryDispatcher.cast_shapes(pos12, velocity, a, b, options)
+    }
+
+    fn cast_shapes_nonlinear(
+        &self,
+        motion_a: &NonlinearRigidMotion,
+        a: &dyn Shape,
+        motion_b: &NonlinearRigidMotion,
+        b: &dyn Shape,
+        start: f32,
+        end: f32,
+        stop_at_penetration: bool,
+    ) -> Result<Option<ShapeCastHit>, Unsupported> {
+        DefaultQueryDispatcher.cast_shapes_nonlinear(motion_a, a, motion_b, b, start, end, stop_at_penetration)
+    }
+}

@@ -1,0 +1,110 @@
+//! The pile as a camera sees it: silhouettes from the side and the top surface from above. The props' own triangles are
+//! drawn, with their gaps: nothing is closed here.
+
+use super::Instances;
+use super::raster::PixelGrid;
+use super::shape_measurer::{ShapeMeasurer, placed};
+use crate::mesh::TriMesh;
+use crate::pose::Pose;
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+/// Azimuths, evenly over half a turn: a view from behind is the same silhouette, mirrored.
+const AZIMUTHS: usize = 8;
+/// Pixels along the control mesh's largest extent.
+const PIXELS: f64 = 512.0;
+/// The top surface has pixels of half a cell, but no more than this many along each side.
+const HEIGHT_PIXELS: f64 = 1024.0;
+
+/// Mean over the azimuths of the IoU of the two silhouettes, in horizontal parallel projection. Pixels below the
+/// control mesh's base do not count: a heap may stand on others.
+pub(super) fn silhouette_iou(measurer: &ShapeMeasurer, pile: &Instances) -> f64 {
+    let (lo, hi) = picture_box(measurer, pile);
+    let (control_lo, control_hi) = measurer.control_bounds();
+    let lo = lo.with_y(control_lo.y);
+    let pixel = (control_hi - control_lo).max_element() / PIXELS;
+    let views: Vec<f64> = (0..AZIMUTHS)
+        .into_par_iter()
+        .map(|k| {
+            let (sin, cos) = libm::sincos(k as f64 / AZIMUTHS as f64 * std::f64::consts::PI);
+            let view = PictureView { right: DVec3::new(cos, 0.0, sin), up: DVec3::Y, toward: DVec3::ZERO };
+            let corner = |i: usize| DVec3::from_array([0, 1, 2].map(|a| if i >> a & 1 == 1 { hi[a] } else { lo[a] }));
+            let corners = || (0..8).map(|i| DVec2::new(corner(i).dot(view.right), corner(i).y));
+            let frame = PixelGrid::covering(
+                corners().fold(DVec2::INFINITY, DVec2::min),
+                corners().fold(DVec2::NEG_INFINITY, DVec2::max),
+                pixel,
+            );
+            // Bit 0: the control mesh, bit 1: the pile.
+            let mut picture = vec![0u8; frame.len()];
+            view.draw(measurer.control, 1.0, &Pose::IDENTITY, &frame, |i, _| picture[i] |= 1);
+            for (prop, scale, pose) in pile.bodies {
+                view.draw(&pile.props[*prop], *scale, pose, &frame, |i, _| picture[i] |= 2);
+            }
+            let both = picture.iter().filter(|&&p| p == 3).count();
+            let any = picture.iter().filter(|&&p| p != 0).count();
+            if any > 0 { both as f64 / any as f64 } else { 0.0 }
+        })
+        .collect();
+    views.iter().sum::<f64>() / AZIMUTHS as f64
+}
+
+/// The box that the pictures show, metres: the control mesh and the bodies, as far as the control mesh's
+/// largest extent around it.
+fn picture_box(measurer: &ShapeMeasurer, pile: &Instances) -> (DVec3, DVec3) {
+    let (lo, hi) = measurer.region.bounds();
+    let around = (hi - lo).max_element();
+    let reach = |b: &(usize, f64, Pose)| (placed(b, measurer.solid(b).centre), measurer.solid(b).reach * b.1);
+    let all = pile.bodies.iter().map(reach).fold((lo, hi), |all, (c, r)| (all.0.min(c - r), all.1.max(c + r)));
+    (all.0.max(lo - around), all.1.min(hi + around))
+}
+
+/// RMS over the control mesh's footprint of the difference between the two top surfaces / d. Where the pile leaves
+/// the footprint bare, its top is the control mesh's base.
+pub(super) fn height_rms_rel(measurer: &ShapeMeasurer, pile: &Instances) -> f64 {
+    let (lo, hi) = measurer.control_bounds();
+    let pixel = (measurer.lattice.cell / 2.0).max((hi.x - lo.x).max(hi.z - lo.z) / HEIGHT_PIXELS);
+    let frame = PixelGrid::covering(DVec2::new(lo.x, lo.z), DVec2::new(hi.x, hi.z), pixel);
+    let view = PictureView { right: DVec3::X, up: DVec3::Z, toward: DVec3::Y };
+    let mut control = vec![f64::NEG_INFINITY; frame.len()];
+    view.draw(measurer.control, 1.0, &Pose::IDENTITY, &frame, |i, y| control[i] = control[i].max(y));
+    let mut top = vec![lo.y; frame.len()];
+    for (prop, scale, pose) in pile.bodies {
+        view.draw(&pile.props[*prop], *scale, pose, &frame, |i, y| top[i] = top[i].max(y));
+    }
+    let footprint = || control.iter().zip(&top).filter(|(c, _)| c.is_finite());
+    let squares: f64 = footprint().map(|(c, t)| (c - t) * (c - t)).sum();
+    (squares / footprint().count().max(1) as f64).sqrt() / measurer.diameter
+}
+
+/// A parallel projection.
+struct PictureView {
+    right: DVec3,
+    up: DVec3,
+    /// Toward the camera: the direction of the depth that `draw` reports.
+    toward: DVec3,
+}
+
+impl PictureView {
+    /// Calls `plot(pixel, depth)` for every pixel of every triangle of a body.
+    fn draw(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &PixelGrid, mut plot: impl FnMut(usize, f64)) {
+        let back = pose.rotation.inverse();
+        let [right, up, toward] = [self.right, self.up, self.toward].map(|a| back * a * scale);
+        let shift = DVec2::new(pose.translation.dot(self.right), pose.translation.dot(self.up));
+        let height = pose.translation.dot(self.toward);
+        let seen: Vec<DVec2> = mesh.points.iter().map(|p| DVec2::new(p.dot(right), p.dot(up)) + shift).collect();
+        for triangle in &mesh.triangles {
+            let corners = triangle.map(|v| seen[v as usize]);
+            let [a, b, c] = triangle.map(|v| mesh.points[v as usize].dot(toward) + height);
+            let (ab, ac) = (corners[1] - corners[0], corners[2] - corners[0]);
+            let area = ab.perp_dot(ac);
+            let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
+            frame.cover(corners, |i, p| {
+                let ap = p - corners[0];
+                let depth = a + (b - a) * (ap.perp_dot(ac) / area) + (c - a) * (ab.perp_dot(ap) / area);
+                // A triangle seen edge-on has no area, and rounding may leave its range: its top is the answer.
+                plot(i, if depth.is_finite() { depth.clamp(lo, hi) } else { hi });
+            });
+        }
+    }
+}

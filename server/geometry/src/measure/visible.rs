@@ -1,0 +1,195 @@
+//! How bodies meet as a camera sees them: by their own meshes, not by the shapes that collide.
+
+use super::percentile;
+use crate::contact::REAL_CONTACT;
+use crate::crossing::Surface;
+use crate::mesh::{TriMesh, boxes_meet};
+use crate::pose::Pose;
+use glam::{DAffine3, DVec3};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Bodies that are looked at in a large pile, spread evenly over their order; each with all of its neighbours.
+const LOOKED_AT: usize = 100;
+/// A gap between touching bodies is measured up to this many thicknesses.
+const FARTHEST: f64 = 1.0;
+
+/// How the meshes of a pile's bodies cut each other, and how far those that touch are apart. In thicknesses of the
+/// thinner body of a pair.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Visible {
+    /// Share of the bodies with a triangle that crosses one of another body.
+    pub cut_share: f64,
+    /// Depth of overlaps over all pairs whose meshes cross, or are no farther apart than [`REAL_CONTACT`].
+    pub depth_mean: f64,
+    pub depth_p95: f64,
+    pub depth_max: f64,
+    /// Between bodies whose collision shapes touch, 95 of 100 gaps are no wider; 0 where the meshes cross. `None`
+    /// without such pairs.
+    pub gap_p95: Option<f64>,
+    /// The same in the meshes' unit.
+    pub depth_p95_length: f64,
+    pub gap_p95_length: Option<f64>,
+    /// Pairs of bodies that were held against each other.
+    pub pairs: u64,
+}
+
+/// A pair of bodies, in thicknesses of the thinner one.
+struct Neighbours {
+    bodies: [usize; 2],
+    /// The thickness of the thinner one.
+    unit: f64,
+    /// `None` where no triangles cross.
+    depth: Option<f64>,
+    /// `None`: wider than was looked for.
+    gap: Option<f64>,
+}
+
+/// Boxes, and which of them meet.
+pub struct Neighbourhood {
+    boxes: Vec<(DVec3, DVec3)>,
+    /// By their lower ends along X.
+    order: Vec<usize>,
+    widest: f64,
+}
+
+impl Neighbourhood {
+    pub fn new(boxes: Vec<(DVec3, DVec3)>) -> Neighbourhood {
+        let mut order: Vec<usize> = (0..boxes.len()).collect();
+        order.sort_by(|&i, &j| boxes[i].0.x.total_cmp(&boxes[j].0.x).then(i.cmp(&j)));
+        let widest = boxes.iter().map(|b| b.1.x - b.0.x).fold(0.0, f64::max);
+        Neighbourhood { boxes, order, widest }
+    }
+
+    /// The others whose boxes meet this one.
+    pub fn of(&self, i: usize) -> Vec<usize> {
+        let (lo, hi) = self.boxes[i];
+        let begin = self.order.partition_point(|&j| self.boxes[j].0.x < lo.x - self.widest);
+        let along = self.order[begin..].iter().copied().take_while(|&j| self.boxes[j].0.x <= hi.x);
+        along.filter(|&j| j != i && boxes_meet(self.boxes[i], self.boxes[j], DVec3::ZERO)).collect()
+    }
+}
+
+/// `bodies`: index into `props`, uniform scale and pose. `thickness`: of each body, m. `touching`: pairs, the lower
+/// index first, whose collision shapes touch. `all`: every body is looked at; else at most [`LOOKED_AT`].
+pub fn visible(
+    props: &[&TriMesh],
+    bodies: &[(usize, f64, Pose)],
+    thickness: &[f64],
+    touching: &BTreeSet<[usize; 2]>,
+    all: bool,
+) -> Visible {
+    let used: BTreeSet<usize> = bodies.iter().map(|b| b.0).collect();
+    let surface = |i: usize| used.contains(&i).then(|| Surface::new(props[i]));
+    let surfaces: Vec<Option<Surface>> = (0..props.len()).into_par_iter().map(surface).collect();
+    let of = |i: usize| surfaces[bodies[i].0].as_ref().expect("it is used");
+    let map = |i: usize| {
+        let (_, scale, pose) = bodies[i];
+        DAffine3::from_scale_rotation_translation(DVec3::splat(scale), pose.rotation, pose.translation)
+    };
+    let boxes: Vec<(DVec3, DVec3)> = (0..bodies.len())
+        .map(|i| {
+            let (lo, hi) = of(i).bounds(&map(i));
+            let reach = DVec3::splat(REAL_CONTACT * thickness[i] / 2.0);
+            (lo - reach, hi + reach)
+        })
+        .collect();
+    let stride = if all { 1 } else { boxes.len().div_ceil(LOOKED_AT).max(1) };
+    let is_looked_at = |i: usize| i.is_multiple_of(stride);
+    let count = boxes.len();
+    let near = Neighbourhood::new(boxes);
+    // A pair of two that are looked at is found by the earlier one.
+    let neighbours = |i: usize| near.of(i).into_iter().filter(move |&j| j > i || !is_looked_at(j));
+    let pair = |i: usize, j: usize| {
+        let pair = [i.min(j), i.max(j)];
+        let unit = thickness[i].min(thickness[j]);
+        // In the frame of the first one.
+        let [one, other] = pair.map(of);
+        let [to_world, placed] = pair.map(map);
+        let between = to_world.inverse() * placed;
+        let scale = bodies[pair[0]].1;
+        let depth = one.overlap(other, &between).map(|found| found.depth * scale / unit);
+        let reach = if touching.contains(&pair) { FARTHEST } else { REAL_CONTACT };
+        let gap = match depth {
+            Some(_) => Some(0.0),
+            None => one.distance(other, &between, reach * unit / scale).map(|gap| gap * scale / unit),
+        };
+        Neighbours { bodies: pair, unit, depth, gap }
+    };
+    let looked_at: Vec<usize> = (0..count).filter(|&i| is_looked_at(i)).collect();
+    let found: Vec<Vec<Neighbours>> =
+        looked_at.par_iter().map(|&i| neighbours(i).map(|j| pair(i, j)).collect()).collect();
+    let found: Vec<Neighbours> = found.into_iter().flatten().collect();
+    let cut: BTreeSet<usize> = found.iter().filter(|n| n.depth.is_some()).flat_map(|n| n.bodies).collect();
+    let cut = cut.into_iter().filter(|&i| is_looked_at(i)).count();
+    let near = || found.iter().filter(|n| n.gap.is_some_and(|gap| gap <= REAL_CONTACT));
+    let depths: Vec<f64> = near().map(|n| n.depth.unwrap_or(0.0)).collect();
+    let lengths: Vec<f64> = near().map(|n| n.depth.unwrap_or(0.0) * n.unit).collect();
+    let touch = || found.iter().filter(|n| touching.contains(&n.bodies));
+    let gaps: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST)).collect();
+    let wide: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST) * n.unit).collect();
+    Visible {
+        cut_share: cut as f64 / looked_at.len().max(1) as f64,
+        depth_mean: depths.iter().sum::<f64>() / depths.len().max(1) as f64,
+        depth_p95: percentile(&depths, 0.95),
+        depth_max: depths.iter().copied().fold(0.0, f64::max),
+        gap_p95: (!gaps.is_empty()).then(|| percentile(&gaps, 0.95)),
+        depth_p95_length: percentile(&lengths, 0.95),
+        gap_p95_length: (!wide.is_empty()).then(|| percentile(&wide, 0.95)),
+        pairs: found.len() as u64,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ROUNDING;
+
+    fn cube() -> TriMesh {
+        let corner = |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) - 0.5;
+        let faces = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let triangles = faces.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]).collect();
+        TriMesh { points: (0..8).map(corner).collect(), triangles }
+    }
+
+    /// A row of cubes of this size, whose neighbours are these shares of it apart, or overlap.
+    fn row(size: f64, gaps: &[f64]) -> Vec<(usize, f64, Pose)> {
+        let mut at = 0.0;
+        let mut bodies = vec![(0, size, Pose::IDENTITY)];
+        for gap in gaps {
+            at += size * (1.0 + gap);
+            // Not quite level: the meshes cross along lines, not in planes.
+            let translation = DVec3::new(at, 0.1 * size * (bodies.len() % 2) as f64, 0.0);
+            bodies.push((0, size, Pose { translation, ..Pose::IDENTITY }));
+        }
+        bodies
+    }
+
+    #[test]
+    fn cuts_and_gaps_are_in_thicknesses() {
+        let cube = cube();
+        let bodies = row(0.2, &[-0.02, 0.01, 0.3, 0.03]);
+        let touching = BTreeSet::from([[0, 1], [1, 2], [3, 4]]);
+        let seen = visible(&[&cube], &bodies, &[0.2; 5], &touching, true);
+        assert!((seen.cut_share - 0.4).abs() < ROUNDING, "{seen:?}");
+        // Of three pairs that are near, one cuts.
+        assert!((seen.depth_max - 0.02).abs() < 1e-6 && (seen.depth_mean - 0.02 / 3.0).abs() < 1e-6, "{seen:?}");
+        assert!((seen.depth_p95_length - 0.2 * seen.depth_p95).abs() < ROUNDING);
+        let gap = seen.gap_p95.expect("three pairs touch");
+        assert!((gap - (0.01 + 0.9 * 0.02)).abs() < 1e-6, "{gap}");
+        assert!((seen.gap_p95_length.expect("they touch") - 0.2 * gap).abs() < ROUNDING);
+        assert_eq!(visible(&[&cube], &bodies, &[0.2; 5], &BTreeSet::new(), true).gap_p95, None);
+    }
+
+    #[test]
+    fn a_sample_of_a_large_pile_is_looked_at() {
+        let cube = cube();
+        // Every second pair cuts: so does every body.
+        let gaps: Vec<f64> = (0..999).map(|k| if k % 2 == 0 { -0.01 } else { 0.01 }).collect();
+        let bodies = row(1.0, &gaps);
+        let [all, some] = [true, false].map(|all| visible(&[&cube], &bodies, &[1.0; 1000], &BTreeSet::new(), all));
+        assert!(all.pairs == 999 && some.pairs < 2 * 100 + 1, "{} and {}", all.pairs, some.pairs);
+        assert!(all.cut_share == 1.0 && some.cut_share == 1.0);
+        assert!((all.depth_mean - 0.005).abs() < 1e-4 && (some.depth_mean - 0.005).abs() < 1e-4);
+    }
+}

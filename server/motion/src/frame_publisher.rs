@@ -1,0 +1,66 @@
+//! Frames for the observer.
+
+use super::pile::Pile;
+use crate::instance::Instance;
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::{Frame, FrameBody, Observer, Stage, State};
+use cairn_input::params::Output;
+
+/// Shows the frames of a pile, each once.
+pub struct FramePublisher {
+    /// Frames per second.
+    fps: f64,
+    /// The last frame that the result will have.
+    last: usize,
+    /// Frames shown.
+    shown: usize,
+}
+
+impl FramePublisher {
+    pub fn new(output: &Output) -> FramePublisher {
+        FramePublisher { fps: output.fps, last: output.frames.map_or(usize::MAX, |n| n as usize), shown: 0 }
+    }
+
+    /// Shows the frames that were recorded since, except those that the result will not have.
+    pub fn run(&mut self, pile: &Pile, observer: &mut dyn Observer, stage: Stage) {
+        if !observer.wants_frames() || !pile.recorder.keeps() {
+            return;
+        }
+        let count = pile.recorder.frames.len();
+        if self.shown >= count {
+            return;
+        }
+        let states = pile.control.states(&pile.world);
+        while self.shown < count && self.shown <= self.last {
+            let time = self.shown as f64 / self.fps;
+            send(pile, self.shown, &states, observer, |bodies| Frame { stage, number: self.shown, time, bodies });
+            self.shown += 1;
+        }
+    }
+
+    /// Shows the final pose, as the only frame, where none are kept.
+    pub fn end(&self, pile: &Pile, observer: &mut dyn Observer, stage: Stage) {
+        if observer.wants_frames() && !pile.recorder.keeps() {
+            let time = pile.recorder.count().min(self.last) as f64 / self.fps;
+            let states = pile.control.states(&pile.world);
+            let latest = pile.recorder.frames.len() - 1;
+            send(pile, latest, &states, observer, |bodies| Frame { stage, number: 0, time, bodies });
+        }
+    }
+}
+
+/// Shows the recorded frame of this number as the frame that `of` makes of its bodies.
+fn send(
+    pile: &Pile,
+    recorded: usize,
+    states: &[State],
+    observer: &mut dyn Observer,
+    of: impl FnOnce(&[Option<FrameBody>]) -> Frame<'_>,
+) {
+    let shown = |((pose, b), &state): ((Pose, &Instance), &State)| {
+        Some(FrameBody { prop: b.prop, scale: b.scale, pose, state })
+    };
+    let bodies: Vec<Option<FrameBody>> =
+        pile.prop_frame(recorded).zip(&pile.instances).zip(states).map(shown).collect();
+    observer.frame(&of(&bodies));
+}

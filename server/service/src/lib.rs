@@ -1,0 +1,38 @@
+//! The gRPC service: a server, its jobs, and a worker process for each bake.
+
+// The same bytes on every platform: no mathematics of the platform's own.
+#![cfg_attr(not(test), warn(clippy::disallowed_methods))]
+
+// The server's own process does not use `analysis` and `worker`: it decodes no model and runs no physics.
+mod access;
+pub mod analysis;
+pub mod api;
+mod audit;
+mod calls;
+pub mod client;
+pub mod codec;
+pub mod config;
+mod deadline;
+mod encryption;
+mod event_log;
+mod folder;
+mod hook;
+#[cfg(feature = "failpoints")]
+pub mod in_process;
+mod jobs;
+pub mod listen;
+mod metrics;
+mod process;
+mod quotas;
+mod scheduler;
+pub mod secrets;
+pub mod serve;
+pub mod status;
+pub mod status_json;
+mod store;
+pub mod telemetry;
+#[cfg(unix)]
+mod unix;
+mod users;
+pub mod worker;
+pub mod worker_message;
