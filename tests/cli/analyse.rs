@@ -1,6 +1,6 @@
 //! `cairn analyse`: piles of nodes whose answers anybody can see.
 
-use crate::desk::{Desk, box_data, box_json, glb};
+use crate::cli::desk::{Desk, box_data, box_json, glb};
 use serde_json::{Value, json};
 
 /// Boxes of 0.4 x 0.2 x 0.4 with their middles here, one node each; one more node of lines.

@@ -1,6 +1,6 @@
 //! Bad input: a message with place and remedy, an exit code for the kind of fault, and no output file.
 
-use crate::desk::{Desk, box_data, box_json, glb};
+use crate::cli::desk::{Desk, box_data, box_json, glb};
 use serde_json::json;
 
 /// Bakes `--control cone.glb` with other arguments and expects exit code 65, these words, and nothing written.

@@ -1,6 +1,6 @@
 //! Whole bakes, small enough for a test.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};

@@ -1,6 +1,6 @@
 //! Batches of bakes of one scene, and results that are baked again.
 
-use crate::desk::{Desk, Done};
+use crate::cli::desk::{Desk, Done};
 use serde_json::Value;
 use std::process::Command;
 

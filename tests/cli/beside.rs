@@ -1,6 +1,6 @@
 //! Piles beside each other: several in one bake, and around earlier results.
 
-use crate::desk::{Desk, box_data, box_json, glb};
+use crate::cli::desk::{Desk, box_data, box_json, glb};
 use serde_json::{Value, json};
 
 /// A desk with `left.glb` and `right.glb`, boxes of 0.6 x 0.4 x 0.6 m on the ground that overlap by a third, and the

@@ -1,6 +1,6 @@
 //! `cairn cost`: every preset and a changed parameter, a table and a plot, and no run twice.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use serde_json::Value;
 
 const PRESETS: [&str; 5] = ["draft", "preview", "standard", "fine", "reference"];
@@ -75,7 +75,7 @@ fn a_study_of_a_small_pile() {
     let plot = std::fs::read(desk.path("study/cost.svg")).unwrap();
     let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
     let full = command.env("FAILPOINTS", "files-write=2*off->return(ENOSPC)").output().unwrap();
-    crate::desk::Done::of(full).fails(75, &["the plot cannot be written", "No space"]);
+    crate::cli::desk::Done::of(full).fails(75, &["the plot cannot be written", "No space"]);
     assert_eq!(std::fs::read(desk.path("study/cost.svg")).unwrap(), plot);
     let more = line.replace("--seeds 1", "--seeds 2 --budget 0s");
     assert!(desk.line(&more).ok().contains("Not baked within the budget: draft (seed 2)"));

@@ -1,7 +1,7 @@
 //! Effects that a scene needs are on, others are off and cost nothing, and the user's setting overrides. Cached
 //! simulations are not repeated.
 
-use crate::desk::{Desk, Done};
+use crate::cli::desk::{Desk, Done};
 use serde_json::Value;
 use std::collections::BTreeSet;
 

@@ -1,7 +1,7 @@
 //! The example scenes show what they promise: baked as they are if that is fast, or else reduced. Column, cone, books
 //! and ball are claims (`tests/evidence`).
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use serde_json::Value;
 use std::path::Path;
 

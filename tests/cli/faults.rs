@@ -1,7 +1,7 @@
 //! A fault at each place where the command line writes: a message, the exit code to try again, and nothing half
 //! written.
 
-use crate::desk::{Desk, Done};
+use crate::cli::desk::{Desk, Done};
 
 const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";
 

@@ -1,6 +1,6 @@
 //! The accuracy `auto`, in scene files and by `--budget` and `--overlap`: a goal chooses the preset.
 
-use crate::desk::{Desk, Done};
+use crate::cli::desk::{Desk, Done};
 use serde_json::Value;
 
 /// Two sticks that are built into each other: kept bodies stay as they are, at every accuracy.

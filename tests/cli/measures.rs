@@ -1,6 +1,6 @@
 //! The guide's page of measures lists every measure and count of reports, and no others.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;

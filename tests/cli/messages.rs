@@ -3,7 +3,7 @@
 //! None is printed for two others that look alike. The table is `messages.toml`; the guide's page on troubleshooting
 //! has it. `exceptions.toml` says which sentences of the program are held against it.
 
-use crate::shop::shop;
+use crate::cli::shop::shop;
 use rayon::prelude::*;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -211,9 +211,9 @@ fn each_message_of_the_program_is_provoked_somewhere() {
 #[test]
 fn each_reason_of_a_fault_is_asserted() {
     let is_reason = |text: &String| text.len() > 5 && text.chars().all(|c| c.is_ascii_uppercase() || c == '_');
-    let of_program = in_file(&root().join("server/src/service/status.rs"), Wanted::Program);
+    let of_program = in_file(&root().join("server/service/src/status.rs"), Wanted::Program);
     let reasons: Vec<String> = of_program.into_iter().filter(is_reason).collect();
-    let tops = ["tests/service", "server/src/service"];
+    let tops = ["tests/service", "server/service/src"];
     let tests: Vec<String> =
         tops.iter().flat_map(|top| files(&root().join(top))).flat_map(|file| tested(&file)).collect();
     assert!(reasons.len() > 20, "{reasons:?}");

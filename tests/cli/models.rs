@@ -1,6 +1,6 @@
 //! Models as the world writes them: nothing of them is lost in silence.
 
-use crate::desk::{Desk, box_data, box_json, glb};
+use crate::cli::desk::{Desk, box_data, box_json, glb};
 use serde_json::{Value, json};
 
 /// A picture of one pixel.

@@ -1,6 +1,6 @@
 //! Outputs: checked before any work, written complete or not at all.
 
-use crate::desk::{Desk, Done, box_data, box_json, glb};
+use crate::cli::desk::{Desk, Done, box_data, box_json, glb};
 use serde_json::{Value, json};
 
 const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=12";

@@ -1,6 +1,6 @@
 //! The commands in the README, the guide and the examples work.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use std::collections::BTreeSet;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};

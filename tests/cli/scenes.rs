@@ -1,6 +1,6 @@
 //! Scene files and the flags that equal them.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 
 const FLAGS: &str = "--control cone.glb --prop stick.glb --prop brick.glb#Brick:0.3 --static brick.glb \
                      --accuracy draft --seed 7 --frames 20 --fps 30 \

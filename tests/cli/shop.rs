@@ -1,6 +1,6 @@
 //! A folder with a file for each fault of files, props, control meshes and scenes.
 
-use crate::desk::{Desk, box_data, box_json, glb};
+use crate::cli::desk::{Desk, box_data, box_json, glb};
 use serde_json::{Value, json};
 use std::path::Path;
 

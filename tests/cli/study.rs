@@ -1,6 +1,6 @@
 //! The committed study of the cost of accuracy (`tests/studies/accuracy/piles`): its figures support the presets.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use serde_json::Value;
 use std::path::Path;
 

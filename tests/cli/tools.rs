@@ -1,6 +1,6 @@
 //! Tools around the program: completions, manual pages, scene schema, colors, diagnosis.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 use serde_json::Value;
 use std::process::Command;
 

@@ -1,6 +1,6 @@
 //! USD results: with textures, baked again, verified, in batches.
 
-use crate::desk::Desk;
+use crate::cli::desk::Desk;
 
 /// The stick has a picture.
 const SCENE: &str = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=6 --frames 12";

@@ -1,7 +1,7 @@
 //! The guard against provoked faults: what no scene does by itself is put into a pile from outside.
 
-use crate::rows::engines::{Engine, params};
-use crate::rows::scenes::{at, block, placed, prop};
+use super::rows::engines::{Engine, params};
+use super::rows::scenes::{at, block, placed, prop};
 use cairn_core::cache::NoCache;
 use cairn_core::{Error, bake};
 use cairn_engine::shape;

@@ -1,14 +1,14 @@
 //! The problems of `tests/studies/problems`: Cairn's errors are those of the committed results, a higher preset is no
 //! worse, and the page says what the results say.
 
-use crate::problem::results::{Kind, Measured, Row, Study, is_worse};
-use crate::problem::{Ask, PROBLEMS, Problem, ours, page};
+use super::problem::results::{Kind, Measured, Row, Study, is_worse};
+use super::problem::{Ask, PROBLEMS, Problem, ours, page};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 fn folder() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/problems")
+    Path::new(env!("CAIRN_REPOSITORY")).join("tests/studies/problems")
 }
 
 fn study() -> Study {
@@ -76,7 +76,7 @@ fn the_page_says_what_the_results_say() {
     let written = std::fs::read_to_string(&path).expect("the page is there");
     // Lines are wrapped when it is written.
     let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
-    assert!(words(&written) == words(&page), "cargo run --release --example problems -- page {}", folder().display());
+    assert!(words(&written) == words(&page), "cargo study problems -- page {}", folder().display());
     for problem in PROBLEMS {
         let measured = study.of(problem);
         assert_eq!(measured.is_out_of_order(problem), problem.fault.is_some(), "{}", problem.name);
@@ -92,7 +92,7 @@ fn the_page_says_what_the_results_say() {
 fn the_errors_say_what_the_readme_says() {
     let study = study();
     let of = |name: &str| {
-        let problem = crate::problem::of(name).expect("a problem");
+        let problem = super::problem::of(name).expect("a problem");
         (problem, study.of(problem))
     };
     let least = |name: &str, engine: &str| {

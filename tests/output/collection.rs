@@ -3,8 +3,8 @@
 //! The collection is a folder with a `MANIFEST.tsv`: `CAIRN_COLLECTION`, or `../shared/data` beside the workspace;
 //! without one, the example assets.
 
-use crate::files::encode;
-use crate::files::pile_of;
+use crate::output::files::encode;
+use crate::output::files::pile_of;
 use cairn_export::{ExportScene, Format, SourceModel};
 use cairn_geometry::pose::Pose;
 use cairn_input::asset::{self, Limits, Source};

@@ -1,8 +1,8 @@
 //! Bakes written as `.glb` and read back by an independent, validating reader.
 
-use crate::files::encode;
-use crate::files::{self, FAR, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
-use crate::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
+use crate::output::files::encode;
+use crate::output::files::{self, FAR, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
+use crate::output::reader::{drawn_matrix, json_of, pose_error, read_valid, world_matrix, world_matrix_of_path};
 use cairn_export::Format::{Csv, Glb, Json};
 use cairn_export::{ExportError, ExportScene, SourceModel, write};
 use glam::{DMat4, DVec3};

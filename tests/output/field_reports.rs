@@ -1,8 +1,8 @@
 //! Files that other importers stumbled over, rebuilt: `field_reports.md` has where each was reported, and what Cairn
 //! does.
 
-use crate::files::{PNG, encode, no_files, pile_of};
-use crate::reader::json_of;
+use crate::output::files::{PNG, encode, no_files, pile_of};
+use crate::output::reader::json_of;
 use cairn_export::{ExportScene, Format, SourceModel, rehearse};
 use cairn_files::Disk;
 use cairn_geometry::pose::Pose;

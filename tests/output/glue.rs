@@ -1,8 +1,8 @@
 //! The glue in results.
 
-use crate::files::encode;
-use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
-use crate::reader::{json_of, read_valid, world_matrix};
+use crate::output::files::encode;
+use crate::output::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
+use crate::output::reader::{json_of, read_valid, world_matrix};
 use cairn_core::report::bake::{Bake, BakedPile};
 use cairn_core::report::{BakedGlue, BakedGlueDot};
 use cairn_export::{ExportScene, Format, SourceModel};

@@ -2,9 +2,9 @@
 //!
 //! The inputs are generated, and the files of a collection (see `collection.rs`).
 
-use crate::collection::collection;
-use crate::files::{PNG, encode, no_files, pile_of};
-use crate::reader::json_of;
+use crate::output::collection::collection;
+use crate::output::files::{PNG, encode, no_files, pile_of};
+use crate::output::reader::json_of;
 use cairn_export::{ExportScene, Format, SourceModel, rehearse};
 use cairn_files::{Disk, FileSource};
 use cairn_geometry::pose::Pose;

@@ -1,6 +1,6 @@
 //! Models for MuJoCo. `tests/elsewhere/` opens them there.
 
-use crate::files::{encode, no_files, pile_of, textured_cube, tumbling};
+use crate::output::files::{encode, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::BakedGlue;
 use cairn_export::{ExportScene, Format, SourceModel};
 use cairn_geometry::mesh::TriMesh;

@@ -1,6 +1,6 @@
 //! A pack: meshes, colliders, instances, skeleton and textures of a result.
 
-use crate::files::{encode, no_files, pile_of, textured_cube, tumbling};
+use crate::output::files::{encode, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::bake::BakedPile;
 use cairn_export::pack::{Manifest, PackError, PackOptions, PackedFile, pack};
 use cairn_export::{ExportScene, Format, SourceModel};
@@ -151,7 +151,7 @@ fn textures_and_skeleton_have_the_motion() {
     // The picture is a file beside all of them.
     let images = skinned.array("images");
     assert_eq!(images[0]["uri"], Value::from("textures/0.png"));
-    assert_eq!(file(&manifest, "textures/0.png").content, crate::files::PNG);
+    assert_eq!(file(&manifest, "textures/0.png").content, crate::output::files::PNG);
 }
 
 /// A result whose JSON is changed.

@@ -1,6 +1,6 @@
 //! A `.glb` for engines, and one of collision shapes.
 
-use crate::files::{encode, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
+use crate::output::files::{encode, far_from_its_origin, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::BakedGlue;
 use cairn_core::report::bake::BakedPile;
 use cairn_engine::shape::Solid;

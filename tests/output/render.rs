@@ -1,8 +1,8 @@
 //! Pictures of results.
 
-use crate::files::encode;
-use crate::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
-use crate::glue::dot;
+use crate::output::files::encode;
+use crate::output::files::{kit, kit_json, no_files, pile_of, textured_cube, tumbling};
+use crate::output::glue::dot;
 use cairn_core::report::BakedGlue;
 use cairn_export::{ExportScene, Format, SourceModel};
 use cairn_geometry::pose::Pose;

@@ -1,6 +1,6 @@
 //! Bakes written as USD. That USD's own library reads the same is tested in `tests/usd`.
 
-use crate::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
+use crate::output::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
 use cairn_export::Format::{Glb, Usda, Usdc, Usdz};

@@ -1,6 +1,6 @@
 //! Access: tokens, addresses and sockets.
 
-use crate::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
+use crate::service::server::{Server, assert_fault, begin, channel, command, events, request, short, until};
 use cairn_service::api::pile_service_client::PileServiceClient;
 use cairn_service::client::{Connection, Target};
 use cairn_wire::proto::{BakeState, ListBakesRequest};
@@ -174,7 +174,7 @@ async fn metrics_tell_of_bakes() {
         assert!(metrics.contains(name), "{metrics}");
     }
     // Each line about the bake carries its id.
-    let id = crate::server::accepted_id(&message);
+    let id = crate::service::server::accepted_id(&message);
     let log = server.log();
     let lines: Vec<serde_json::Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let of_bake = lines.iter().filter(|line| line["span"]["bake_id"] == id.as_str()).count();
@@ -206,7 +206,7 @@ async fn probes_say_whether_it_takes_work() {
     assert!(is("/livez", 200) && is("/", 404) && is("/metricsx", 404));
     assert!(server.log().contains("starting") && server.log().contains("workers="), "{}", server.log());
     let mut connection = server.ready().await;
-    let id = begin(&mut connection, crate::server::endless(1)).await;
+    let id = begin(&mut connection, crate::service::server::endless(1)).await;
     server.signal("-TERM");
     while !is("/readyz", 503) {
         tokio::time::sleep(std::time::Duration::from_millis(10)).await;

@@ -1,6 +1,8 @@
 //! Analyses of piles on the server.
 
-use crate::server::{PROGRAM, Server, accepted_id, assert_fault, events, fields, request, sha256, short, within};
+use crate::service::server::{
+    PROGRAM, Server, accepted_id, assert_fault, events, fields, request, sha256, short, within,
+};
 use bytes::Bytes;
 use cairn_service::client::Connection;
 use cairn_wire::proto::{AnalysePileRequest, AnalysePileResponse, AssetReference};

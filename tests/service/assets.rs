@@ -1,6 +1,6 @@
 //! Uploads: whole, broken, too large, and from hostile callers.
 
-use crate::server::{Server, assert_fault, sha256};
+use crate::service::server::{Server, assert_fault, sha256};
 use cairn_wire::proto::{AssetHeader, HaveAssetsRequest, UploadAssetRequest};
 use tonic::{Code, Status};
 

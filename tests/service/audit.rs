@@ -1,7 +1,7 @@
 //! The log line of each call.
 
-use crate::callers::until_logged;
-use crate::server::{Server, accepted_id, begin, endless, events, request, short};
+use crate::service::callers::until_logged;
+use crate::service::server::{Server, accepted_id, begin, endless, events, request, short};
 use cairn_service::client::{Connection, Target};
 use cairn_wire::proto::PlanBakeRequest;
 use tonic::Code;
@@ -45,8 +45,8 @@ async fn refused_calls_are_told() {
     until_logged(&server, "caller=\"127.0.0.1\" call=\"GetServerInfo\" status=\"16\"").await;
     let target = Target { token: Some("open sesame".into()), ..server.target() };
     let mut connection = Connection::open(&target).await.unwrap();
-    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
-    let files = files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect();
+    let files = ["cone-small.glb", "stick.glb"].map(crate::service::server::content);
+    let files = files.into_iter().map(|bytes| (crate::service::server::sha256(&bytes), bytes.into())).collect();
     connection.upload(&files).await.unwrap();
     begin(&mut connection, endless(1)).await;
     server.signal("-TERM");

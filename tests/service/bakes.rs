@@ -1,6 +1,6 @@
 //! A bake in the service: planned, baked, watched, listed, downloaded, deleted.
 
-use crate::server::{
+use crate::service::server::{
     Server, accepted_id, assert_contiguous, assert_fault, content, events, fields, numbered, poses, request, sha256,
     short, spec, status, take, until, watch,
 };
@@ -48,7 +48,8 @@ async fn a_plan_simulates_nothing() {
     assert!(list.bakes.is_empty());
 
     // The bake then has the announced id.
-    let (answer, end) = events(service.bake(crate::server::request(short(1))).await.unwrap().into_inner()).await;
+    let (answer, end) =
+        events(service.bake(crate::service::server::request(short(1))).await.unwrap().into_inner()).await;
     end.unwrap();
     assert_eq!(accepted_id(&answer), planned.bake_id);
     // Its events are the same on every machine.
@@ -278,7 +279,7 @@ async fn bakes_are_listed_and_deleted() {
     assert!(!server.path("data/bakes").join(&ids[0]).exists());
 
     // A running one ends, too.
-    let id = crate::server::begin(&mut connection, crate::server::endless(1)).await;
+    let id = crate::service::server::begin(&mut connection, crate::service::server::endless(1)).await;
     until(&mut connection, &id, BakeState::Running).await;
     let early = DownloadResultRequest { bake_id: id.clone(), ..Default::default() };
     let early = connection.service.download_result(early).await;
@@ -351,7 +352,7 @@ async fn requests_of_the_wrong_form() {
     service.list_bakes(ListBakesRequest { page_size: 100_000, ..Default::default() }).await.unwrap();
     // A token goes with its filter, and an id has a form.
     for seed in 1..=2 {
-        crate::server::begin(&mut server.connect().await, short(seed)).await;
+        crate::service::server::begin(&mut server.connect().await, short(seed)).await;
     }
     let first = ListBakesRequest { page_size: 1, ..Default::default() };
     let page_token = service.list_bakes(first.clone()).await.unwrap().into_inner().next_page_token;

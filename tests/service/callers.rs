@@ -1,6 +1,6 @@
 //! Several callers, each with its own rights and limits.
 
-use crate::server::{Server, assert_fault, command, endless, request, short, take};
+use crate::service::server::{Server, assert_fault, command, endless, request, short, take};
 use cairn_service::client::{Connection, Target};
 use cairn_wire::proto::{
     BakeRequest, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
@@ -39,7 +39,7 @@ async fn ids(connection: &mut Connection, list: ListBakesRequest) -> Vec<String>
 
 async fn begin(connection: &mut Connection, request: BakeRequest) -> String {
     let stream = connection.service.bake(request).await.unwrap().into_inner();
-    crate::server::accepted_id(&take(stream, 1).await.0)
+    crate::service::server::accepted_id(&take(stream, 1).await.0)
 }
 
 #[tokio::test]
@@ -50,8 +50,10 @@ async fn rights_limits_and_labels() {
     assert!(Connection::open(&server.target()).await.is_err(), "nobody without a name");
     let (mut anna, mut ben) = (known(&server, "anna").await, known(&server, "ben").await);
     let mut farm = known(&server, "the farm").await;
-    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
-    anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
+    let files = ["cone-small.glb", "stick.glb"].map(crate::service::server::content);
+    anna.upload(&files.into_iter().map(|bytes| (crate::service::server::sha256(&bytes), bytes.into())).collect())
+        .await
+        .unwrap();
 
     // One runs, one waits, and a third is refused, although the server has free permits.
     let labels = |shot: &str| [("shot".to_owned(), shot.to_owned())].into();
@@ -59,10 +61,14 @@ async fn rights_limits_and_labels() {
     let second = begin(&mut anna, BakeRequest { labels: labels("a2"), ..request(endless(2)) }).await;
     let refused = anna.service.bake(request(endless(3))).await.unwrap_err();
     assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
-    crate::server::until(&mut anna, &first, BakeState::Running).await;
+    crate::service::server::until(&mut anna, &first, BakeState::Running).await;
     let third = begin(&mut ben, request(endless(4))).await;
-    crate::server::until(&mut ben, &third, BakeState::Running).await;
-    assert_eq!(crate::server::status(&mut anna, &second).await.state(), BakeState::Queued, "one of hers at once");
+    crate::service::server::until(&mut ben, &third, BakeState::Running).await;
+    assert_eq!(
+        crate::service::server::status(&mut anna, &second).await.state(),
+        BakeState::Queued,
+        "one of hers at once"
+    );
 
     // Found by owner, label and state.
     let list = |owner: &str| ListBakesRequest { owner: owner.into(), ..Default::default() };
@@ -98,8 +104,10 @@ async fn a_bake_belongs_to_all_who_want_it() {
     let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml", "--workers", "1"]);
     let (mut anna, mut ben) = (known(&server, "anna").await, known(&server, "ben").await);
     let mut farm = known(&server, "the farm").await;
-    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
-    anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
+    let files = ["cone-small.glb", "stick.glb"].map(crate::service::server::content);
+    anna.upload(&files.into_iter().map(|bytes| (crate::service::server::sha256(&bytes), bytes.into())).collect())
+        .await
+        .unwrap();
     let labelled =
         |shot: &str, spec| BakeRequest { labels: [("shot".to_owned(), shot.to_owned())].into(), ..request(spec) };
     let id = begin(&mut anna, labelled("A010.v2: Höhle", endless(1))).await;
@@ -188,8 +196,8 @@ async fn projects_are_apart() {
     let (mut anna, mut ben, mut cleo) =
         (known(&server, "anna").await, known(&server, "ben").await, known(&server, "cleo").await);
     let (mut farm, mut guest) = (known(&server, "the farm").await, known(&server, "guest").await);
-    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
-    let files: Vec<_> = files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect();
+    let files = ["cone-small.glb", "stick.glb"].map(crate::service::server::content);
+    let files: Vec<_> = files.into_iter().map(|bytes| (crate::service::server::sha256(&bytes), bytes.into())).collect();
     let files: std::collections::BTreeMap<String, bytes::Bytes> = files.into_iter().collect();
     anna.upload(&files).await.unwrap();
 
@@ -235,14 +243,14 @@ async fn projects_are_apart() {
     assert_eq!((&*status.project, &*status.owner), ("heat", "cleo"));
 
     // The limits are those of the whole show: one runs and one waits, whoever asked for them.
-    crate::server::until(&mut anna, &of_dune, BakeState::Running).await;
+    crate::service::server::until(&mut anna, &of_dune, BakeState::Running).await;
     let second = begin(&mut ben, request(endless(2))).await;
-    assert_eq!(crate::server::status(&mut anna, &second).await.state(), BakeState::Queued);
+    assert_eq!(crate::service::server::status(&mut anna, &second).await.state(), BakeState::Queued);
     let refused = anna.service.bake(request(endless(3))).await.unwrap_err();
     assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
     assert!(refused.message().contains("project dune has 2 running or waiting bakes of at most 2"), "{refused:?}");
     let other = begin(&mut cleo, request(endless(2))).await;
-    crate::server::until(&mut cleo, &other, BakeState::Running).await;
+    crate::service::server::until(&mut cleo, &other, BakeState::Running).await;
     until_logged(&server, "caller=\"cleo\" project=\"heat\" call=\"GetBake\" status=\"5\"").await;
 
     // The next server keeps them apart.
@@ -292,8 +300,10 @@ async fn a_limit_of_the_queue_alone() {
     std::fs::write(folder.path().join("callers.toml"), callers).unwrap();
     let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml", "--workers", "2"]);
     let mut anna = known(&server, "anna").await;
-    let files = ["cone-small.glb", "stick.glb"].map(crate::server::content);
-    anna.upload(&files.into_iter().map(|bytes| (crate::server::sha256(&bytes), bytes.into())).collect()).await.unwrap();
+    let files = ["cone-small.glb", "stick.glb"].map(crate::service::server::content);
+    anna.upload(&files.into_iter().map(|bytes| (crate::service::server::sha256(&bytes), bytes.into())).collect())
+        .await
+        .unwrap();
     for seed in 1..=3 {
         begin(&mut anna, request(endless(seed))).await;
     }

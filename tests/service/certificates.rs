@@ -1,6 +1,6 @@
 //! TLS, and callers identified by certificates.
 
-use crate::server::{Server, assert_fault, command};
+use crate::service::server::{Server, assert_fault, command};
 use cairn_service::client::{Connection, Target};
 use cairn_wire::proto::ListBakesRequest;
 use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair};
@@ -92,7 +92,7 @@ async fn callers_by_the_subject_of_their_certificate() {
     }
     let mut farm = Connection::open(&by(Some("farm.studio"), None)).await.unwrap();
     farm.service.list_bakes(ListBakesRequest::default()).await.unwrap();
-    crate::callers::until_logged(&server, "caller=\"farm\" call=\"ListBakes\"").await;
+    crate::service::callers::until_logged(&server, "caller=\"farm\" call=\"ListBakes\"").await;
     assert!(server.log().contains("caller=\"anna\" call=\"GetServerInfo\""), "{}", server.log());
 }
 

@@ -1,6 +1,6 @@
 //! The program as a client of the server. Long: its commands share scenes and servers.
 
-use crate::server::{
+use crate::service::server::{
     PROGRAM, Server, accepted_id, asset, begin, content, endless, events, request, sha256, short, status, until,
 };
 use cairn_service::client::Connection;
@@ -440,9 +440,9 @@ fn plans_and_batches_on_a_server() {
 fn a_result_without_room_is_not_baked() {
     let server = Server::start(&[]);
     let scene = ["bake", "--control", "cone-small.glb", "--prop", "stick.glb", "--accuracy", "draft", "-o", "far.glb"];
-    let mut command = std::process::Command::new(crate::server::PROGRAM);
+    let mut command = std::process::Command::new(crate::service::server::PROGRAM);
     for name in ["cone-small.glb", "stick.glb"] {
-        std::fs::copy(crate::server::asset(name), server.path(name)).unwrap();
+        std::fs::copy(crate::service::server::asset(name), server.path(name)).unwrap();
     }
     command.args(scene).args(["--server", &server.addresses[0], "--set", "physics.step_natural=0.000001"]);
     let done = command.current_dir(server.folder()).env("FAILPOINTS", "output-room=return(ENOSPC)").output().unwrap();

@@ -1,6 +1,6 @@
 //! Bakes that nobody follows: begun one by one or many at once, and reported at their end.
 
-use crate::server::{Server, assert_fault, command, fields, sha256, short, until};
+use crate::service::server::{Server, assert_fault, command, fields, sha256, short, until};
 use cairn_wire::proto::created_bake::Outcome;
 use cairn_wire::proto::{BakeState, BatchCreateBakesRequest, CreateBakeRequest};
 use hmac::{Hmac, KeyInit, Mac};

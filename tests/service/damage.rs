@@ -1,6 +1,8 @@
 //! Foreign changes in a server's folder: other files, and truncated, emptied or changed ones.
 
-use crate::server::{Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch};
+use crate::service::server::{
+    Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch,
+};
 use cairn_service::api::pile_service_client::PileServiceClient;
 use cairn_service::client::Connection;
 use cairn_wire::proto::{
@@ -111,7 +113,7 @@ async fn a_log_that_was_cut_off_while_no_server_ran() {
 async fn an_unfinished_bake_without_its_events_is_planned_again() {
     let mut server = Server::start(&[]);
     let mut connection = server.ready().await;
-    let id = crate::server::begin(&mut connection, crate::server::long(1)).await;
+    let id = crate::service::server::begin(&mut connection, crate::service::server::long(1)).await;
     server.signal("-KILL");
     server.wait();
     cut(&server.path("data/bakes").join(&id).join("events.log"), 0);
@@ -129,7 +131,7 @@ async fn a_page_goes_on_where_a_bake_was_deleted() {
     let mut connection = server.ready().await;
     let mut ids = Vec::new();
     for seed in 1..=3 {
-        ids.push(crate::server::begin(&mut connection, crate::server::endless(seed)).await);
+        ids.push(crate::service::server::begin(&mut connection, crate::service::server::endless(seed)).await);
     }
     let mut page = ListBakesRequest { page_size: 1, ..Default::default() };
     let first = connection.service.list_bakes(page.clone()).await.unwrap().into_inner();
@@ -165,7 +167,7 @@ async fn health_of_a_server_that_ends() {
     let server = Server::start(&["--drain-seconds", "20"]);
     let mut connection = server.ready().await;
     let mut health = HealthClient::new(channel(&format!("http://{}", server.addresses[0])).await);
-    let id = crate::server::begin(&mut connection, crate::server::endless(1)).await;
+    let id = crate::service::server::begin(&mut connection, crate::service::server::endless(1)).await;
     server.signal("-TERM");
     for service in ["", "cairn.v1.PileService"] {
         let request = HealthCheckRequest { service: service.into() };

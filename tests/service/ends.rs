@@ -1,6 +1,6 @@
 //! Ends of bakes and servers. Long: cancelled, past their deadline, abandoned by their caller, killed and restarted.
 
-use crate::server::{
+use crate::service::server::{
     Server, accepted_id, assert_contiguous, assert_fault, begin, endless, events, long, numbered, request, short,
     status, take, until, watch, within,
 };
@@ -383,7 +383,7 @@ async fn the_drain_has_a_deadline() {
 #[tokio::test]
 async fn a_data_directory_has_one_server() {
     let server = Server::start(&[]);
-    let second = crate::server::command(server.folder()).args(["--listen", "127.0.0.1:0"]).output().unwrap();
+    let second = crate::service::server::command(server.folder()).args(["--listen", "127.0.0.1:0"]).output().unwrap();
     assert_eq!(second.status.code(), Some(69));
     assert!(String::from_utf8_lossy(&second.stderr).contains("in use by another server"));
 }

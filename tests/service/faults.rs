@@ -2,7 +2,7 @@
 //! message, nothing is left behind, and the same call succeeds once the fault is gone. The places are named in
 //! `server/src/`.
 
-use crate::server::{
+use crate::service::server::{
     PROGRAM, Server, accepted_id, assert_fault, command, content, events, request, sha256, short, status, watch,
 };
 use cairn_service::client::Connection;
@@ -312,7 +312,7 @@ async fn streams_that_break_off() {
     // It continues without its caller.
     bake(&mut connection, request(short(1))).await.unwrap();
     let id = listed(&mut connection).await.remove(0);
-    crate::server::until(&mut connection, &id, BakeState::Succeeded).await;
+    crate::service::server::until(&mut connection, &id, BakeState::Succeeded).await;
     for _ in 0..BROKEN_OFF {
         let (answer, end) = events(watch(&mut connection, &id, 1).await).await;
         end.unwrap();

@@ -1,6 +1,6 @@
 //! Formats of results: one bake gives all of them.
 
-use crate::server::{Server, accepted_id, assert_fault, events, fields, request, sha256, short};
+use crate::service::server::{Server, accepted_id, assert_fault, events, fields, request, sha256, short};
 use cairn_wire::proto::bake_event::Kind;
 use cairn_wire::proto::{Artifact, DeleteBakeRequest, DownloadResultRequest, OutputFormat, UpAxis, UsdLayout};
 use tonic::Code;

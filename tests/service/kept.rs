@@ -1,7 +1,7 @@
 //! Files that a released version wrote (`kept/VERSION.zip`): this version goes on with them. Each archive has the data
 //! folder of a server with one finished bake, the results of it and of a bake without a server, its scene, and a cache.
 
-use crate::server::{PROGRAM, Server};
+use crate::service::server::{PROGRAM, Server};
 use cairn_wire::proto::{Artifact, BakeState, ListBakesRequest};
 use std::fs::File;
 use std::path::{Path, PathBuf};

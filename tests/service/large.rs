@@ -1,6 +1,6 @@
 //! Scenes of very many bodies.
 
-use crate::server::{Server, accepted_id, assert_fault, content, request, sha256, take};
+use crate::service::server::{Server, accepted_id, assert_fault, content, request, sha256, take};
 use cairn_wire::proto::bake_event::Kind;
 use cairn_wire::proto::{Artifact, AssetReference, BakeSpec, Body, CancelBakeRequest, PlanBakeRequest, Prop, Scene};
 use tonic::Code;

@@ -1,6 +1,6 @@
 //! Lists of very many bakes.
 
-use crate::server::Server;
+use crate::service::server::Server;
 use cairn_wire::proto::{BakeState, BakeStatus, ListBakesRequest};
 use prost::Message;
 

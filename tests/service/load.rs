@@ -1,6 +1,6 @@
 //! More callers than the server serves at once.
 
-use crate::server::{
+use crate::service::server::{
     Server, accepted_id, assert_fault, begin, channel, endless, events, fields, request, short, until,
 };
 use cairn_service::client::{Connection, Target};
@@ -39,7 +39,7 @@ async fn one_caller_leaves_places_to_others() {
     let mut held = Vec::new();
     let refused = loop {
         match greedy.service.bake(request(endless(held.len() as i64))).await {
-            Ok(stream) => held.push(accepted_id(&crate::server::take(stream.into_inner(), 1).await.0)),
+            Ok(stream) => held.push(accepted_id(&crate::service::server::take(stream.into_inner(), 1).await.0)),
             Err(refused) => break refused,
         }
     };
@@ -60,7 +60,7 @@ async fn one_caller_leaves_places_to_others() {
 async fn heavy_plans_leave_planning_to_others() {
     let folder = tempfile::tempdir().unwrap();
     let socket = format!("unix:{}", folder.path().join("socket").display());
-    let server = crate::faults::server_with(folder.path(), "", &["--queue", "8", "--listen", &socket]);
+    let server = crate::service::faults::server_with(folder.path(), "", &["--queue", "8", "--listen", &socket]);
     let greedy = server.ready().await;
     let mut other = Connection::open(&Target { address: socket, ..Default::default() }).await.unwrap();
     std::fs::write(folder.path().join("plan.faults"), "message-write=sleep(100000)").unwrap();
@@ -120,7 +120,7 @@ async fn a_thousand_callers() {
     assert_eq!((streams.len(), refused), (4, CALLERS - 4));
     assert_eq!(server.children().len(), 2, "as many processes as workers");
     for stream in streams {
-        ids.insert(accepted_id(&crate::server::take(stream, 1).await.0));
+        ids.insert(accepted_id(&crate::service::server::take(stream, 1).await.0));
     }
     let list = connection.service.list_bakes(ListBakesRequest::default()).await.unwrap().into_inner().bakes;
     assert_eq!(list.iter().map(|bake| bake.bake_id.clone()).collect::<BTreeSet<_>>(), ids);
@@ -141,7 +141,7 @@ async fn callers_of_the_same_pile_share_it() {
     for call in calls {
         let (answer, end) = call.await.unwrap();
         end.unwrap();
-        crate::server::assert_contiguous(&answer, 1);
+        crate::service::server::assert_contiguous(&answer, 1);
         hashes.insert(accepted_id(&answer));
     }
     assert_eq!(hashes.len(), 1);

@@ -43,7 +43,7 @@ impl Server {
         Server::launch(Folder::Other(folder.to_owned()), args, "")
     }
 
-    /// A server with these faults: see `server/src/failpoints.rs`.
+    /// A server with these faults: see `server/files/src/failpoints.rs`.
     pub fn start_with_faults(folder: &Path, args: &[&str], faults: &str) -> Server {
         Server::launch(Folder::Other(folder.to_owned()), args, faults)
     }

@@ -1,7 +1,7 @@
 //! Schemas of other versions: callers of the one before, whom `proto/baseline.binpb` stands for, and those of the next,
 //! which has fields and values that nobody knows yet; and this version as the caller of such a server.
 
-use crate::server::{Server, fields, short};
+use crate::service::server::{Server, fields, short};
 use bytes::{Buf, BufMut, Bytes};
 use cairn_wire::proto::bake_event::Kind;
 use cairn_wire::proto::{self, BakeEvent, BakeState, BakeStatus};
@@ -91,7 +91,7 @@ impl Decoder for Raw {
 
 /// Calls with a request of any schema. The messages of the answer.
 async fn call(server: &Server, method: &str, request: &DynamicMessage) -> Result<Vec<Bytes>, Status> {
-    let channel = crate::server::channel(&format!("http://{}", server.target().address)).await;
+    let channel = crate::service::server::channel(&format!("http://{}", server.target().address)).await;
     let mut client = tonic::client::Grpc::new(channel);
     client.ready().await.unwrap();
     let path = format!("/cairn.v1.PileService/{method}").parse().unwrap();
@@ -110,7 +110,7 @@ async fn the_version_before_is_understood() {
     let server = Server::start(&[]);
     server.ready().await;
     let pool = before();
-    let wanted = as_in(&pool, "BakeRequest", &crate::server::request(short(1)));
+    let wanted = as_in(&pool, "BakeRequest", &crate::service::server::request(short(1)));
     assert_eq!(wanted.unknown_fields().count(), 0);
     let events = call(&server, "Bake", &wanted).await.unwrap();
     let read = |bytes: &Bytes| DynamicMessage::decode(message(&pool, "BakeResponse"), bytes.clone()).unwrap();
@@ -143,7 +143,7 @@ async fn the_next_version_is_refused_where_it_matters() {
     let server = Server::start(&[]);
     server.ready().await;
     let pool = next();
-    let wanted = as_in(&pool, "BakeRequest", &crate::server::request(short(1)));
+    let wanted = as_in(&pool, "BakeRequest", &crate::service::server::request(short(1)));
     let with = |path: &[&str]| {
         fn set(message: &mut DynamicMessage, path: &[&str]) {
             match path {

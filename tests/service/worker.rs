@@ -1,6 +1,6 @@
 //! Bakes whose process misbehaves: only that bake is affected.
 
-use crate::server::{
+use crate::service::server::{
     PROGRAM, Server, accepted_id, assert_fault, begin, endless, events, request, short, status, until,
 };
 use cairn_wire::proto::{BakeState, CancelBakeRequest};
@@ -119,10 +119,10 @@ async fn time_and_memory_are_bounded() {
 async fn a_plan_is_bounded_as_well() {
     let server = Server::start(&["--bake-memory-mib", "64"]);
     let mut connection = server.ready().await;
-    let large = crate::server::sphere(700);
-    connection.upload(&[(crate::server::sha256(&large), large.clone().into())].into()).await.unwrap();
+    let large = crate::service::server::sphere(700);
+    connection.upload(&[(crate::service::server::sha256(&large), large.clone().into())].into()).await.unwrap();
     let mut spec = short(1);
-    spec.assets[0].sha256 = crate::server::sha256(&large);
+    spec.assets[0].sha256 = crate::service::server::sha256(&large);
     let refused = connection.service.bake(request(spec)).await.unwrap_err();
     assert_fault(&refused, Code::ResourceExhausted, "MEMORY_LIMIT");
 }

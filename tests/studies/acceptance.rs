@@ -1,7 +1,7 @@
 //! The acceptance table: sticks in a steep cone, a vertical cylinder and a letter T, glued, with control, without, and
 //! without but with everything damped as strongly; medians over seeds.
 //!
-//!     cargo run --release --example acceptance -- --seeds 5
+//!     cargo study acceptance -- --seeds 5
 
 use cairn_core::cache::NoCache;
 use cairn_core::report::Report;
@@ -133,7 +133,7 @@ fn scene(control: &str, prop: &str) -> Result<Scene, String> {
 }
 
 fn model(name: &str) -> Result<Model, String> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name).with_extension("glb");
+    let path = Path::new(env!("CAIRN_REPOSITORY")).join("examples/assets").join(name).with_extension("glb");
     let bytes = std::fs::read(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let source = cairn_input::asset::Source {
         name,

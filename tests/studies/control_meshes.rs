@@ -1,5 +1,5 @@
 //! What becomes of every control mesh of a collection: filled, repaired and filled, or refused, and why:
-//! `CAIRN_COLLECTION=FOLDER cargo run --release --example control_meshes -- [--bodies 60]`.
+//! `CAIRN_COLLECTION=FOLDER cargo study control_meshes -- [--bodies 60]`.
 //!
 //! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
 //! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Taken are all its glTF files of the kind `control`.

@@ -1,8 +1,8 @@
 //! Fits the model behind the estimate of a bake's CPU time, and prints how far it is from what it was fitted to:
-//! `cargo run --release --example fit_estimate -- runs.jsonl...`.
+//! `cargo study fit_estimate -- runs.jsonl...`.
 //!
 //! The runs are those of `cairn cost` and of the example `pairs`. Least squares of the logarithms, each file with the
-//! same weight: how far the present exponents of `server/core/src/prepare/estimate/model.rs` have to move, which counts
+//! same weight: how far the present exponents of `server/prepare/src/estimate/model.rs` have to move, which counts
 //! against it as much as a few files do; printed as its constants. Only exponents that differ enough between piles
 //! move. The cost is taken to grow as the number of bodies: a file has about one number, so that an exponent could not
 //! be separated from what else distinguishes the files. Figures are those of `cairn cost`, which measures more than a

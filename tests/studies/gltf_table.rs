@@ -1,6 +1,6 @@
 //! The outcome of reading every glTF file of a collection, as a table; and the cost of reading a large one.
 //!
-//!     cargo run --release --example gltf_table [-- FOLDER]
+//!     cargo study gltf_table [-- FOLDER]
 //!
 //! The collection is FOLDER, or `CAIRN_COLLECTION`, or `../shared/data` beside the workspace; without one, the example
 //! assets. Columns: file, `read`, `refused`, `panicked` or `hung`, triangles, message. Each file is read in a process
@@ -42,7 +42,7 @@ fn main() -> anyhow::Result<()> {
 }
 
 fn folder(given: Option<&String>) -> PathBuf {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = Path::new(env!("CAIRN_REPOSITORY"));
     let beside = root.join("../shared/data");
     let given = given.map(PathBuf::from).or_else(|| std::env::var_os("CAIRN_COLLECTION").map(PathBuf::from));
     given.unwrap_or(if beside.is_dir() { beside } else { root.join("examples/assets") })

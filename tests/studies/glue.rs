@@ -1,7 +1,7 @@
 //! What holds a pile: nothing, as few dots as Cairn finds, those that Clarabel finds, as many at random, all that could
 //! be, and dots of bounded strength. Each pile is released, awake, for 20 characteristic times.
 //!
-//!     cargo run --release --example glue -- examples/sticks.toml --set fill.count=200 --strength 1,3,10,30
+//!     cargo study glue -- examples/sticks.toml --set fill.count=200 --strength 1,3,10,30
 
 mod piles;
 

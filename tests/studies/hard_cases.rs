@@ -1,5 +1,5 @@
-//! Runs the hard cases and prints them as a table: `cargo run --release --example hard_cases -- [--full] [--judged]
-//! [ROW ...]`.
+//! Runs the hard cases and prints them as a table: `cargo study hard_cases --
+//! [--full] [--judged] [ROW ...]`.
 //!
 //! Every row is run by Cairn as it is delivered, by Cairn without control, and by rapier with its default parameters.
 //! Without `--full`, some rows are shorter or smaller, as in the tests.

@@ -1,5 +1,5 @@
-//! Bakes pairs of props and control meshes drawn from a collection, and judges each:
-//! `cargo run --release --example pairs -- [--pairs 60] [--seed 1] [--only 0..60] [--out table.md] [--runs FOLDER]`.
+//! Bakes pairs of props and control meshes drawn from a collection, and judges each: `cargo run --release --package
+//! cairn-studies --example pairs -- [--pairs 60] [--seed 1] [--only 0..60] [--out table.md] [--runs FOLDER]`.
 //!
 //! The collection is a folder with a `MANIFEST.tsv` (name, kind, source, licence, bytes, triangles, watertight, ...):
 //! `CAIRN_COLLECTION`, or `../shared/data` beside the workspace. Drawn are its watertight glTF files of the kinds

@@ -1,7 +1,7 @@
 //! How often "locally stable" is right: the verdicts of each friction law against a simulation and against the global
 //! program, at moments of real bakes.
 //!
-//!     cargo run --release --example precision -- examples/sticks.toml examples/books.toml --set fill.count=150
+//!     cargo study precision -- examples/sticks.toml examples/books.toml --set fill.count=150
 //!
 //! The truth of a body: everything else is fixed, and the body alone is released for 1 s; it is stable if it moves by
 //! less than a hundredth of d. `precision`: share of the bodies called stable that are. `recall`: share of the stable

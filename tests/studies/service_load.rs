@@ -1,7 +1,7 @@
 //! Cost and load limits of the service: the figures of `examples/README.md`.
 //!
 //! ```text
-//! cargo build --release && cargo run --release --example service_load
+//! cargo build --release && cargo study service_load
 //! ```
 //!
 //! Times vary with the machine and its load, so each comparison alternates between its two sides.

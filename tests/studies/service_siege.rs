@@ -1,7 +1,7 @@
 //! A stress test of the server: misbehaving callers of every kind at once, for a given time, and the cost.
 //!
 //! ```text
-//! cargo build --release && cargo run --release --example service_siege -- --seconds 600
+//! cargo build --release && cargo study service_siege -- --seconds 600
 //! ```
 //!
 //! Prints one Markdown row per habit, then health, memory and handles before and after. Where `h2load` is installed

@@ -1,5 +1,5 @@
 //! The stability sweep: bakes random small scenes and prints which invariants were violated:
-//! `cargo run --release --example sweep -- --count 1000 --seed 1 [--only 17] [--out FOLDER]`.
+//! `cargo study sweep -- --count 1000 --seed 1 [--only 17] [--out FOLDER]`.
 //!
 //! A failure shrinks to the simplest scene that still fails, which is written as a scene file for `cairn bake`.
 

@@ -1,6 +1,6 @@
 //! The fast solver beside Clarabel on the contacts of a real bake: every control cycle of `sticks.toml`'s pile.
 //!
-//!     cargo run --release --example verdicts
+//!     cargo study verdicts
 
 mod piles;
 
@@ -16,7 +16,7 @@ use std::time::Instant;
 const BAND: f64 = 1e-5;
 
 fn main() -> anyhow::Result<()> {
-    let sticks = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/sticks.toml");
+    let sticks = Path::new(env!("CAIRN_REPOSITORY")).join("examples/sticks.toml");
     let full = piles::Full::of(&sticks, &[])?;
     let params = &full.job.params;
     let mut sim = full.turn_over()?;

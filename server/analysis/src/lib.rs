@@ -14,6 +14,11 @@
 //!
 //! No verdict rests on a solver's word: see [`cairn_statics::limit`] and [`cairn_statics::removal`]. What is not proven
 //! either way is said to be open.
+//!
+//! It must never step a world or change one: it asks for contacts, and hands [`cairn_statics`] a problem
+//! ([`pile_equilibrium`] makes it, for the control and the glue, too).
+//!
+//! Invariants: engine units inside; a body's place in every answer is its number in the world.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

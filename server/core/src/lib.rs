@@ -3,17 +3,17 @@
 //! [`bake`] takes meshes and parameters and returns poses and figures. It goes through these stages, each a function of
 //! the one before:
 //!
-//! 1. **Prepare** ([`cairn_prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the closed
-//!    control mesh becomes a container.
+//! 1. **Prepare** ([`cairn_prepare`]): the scene is checked, each prop gets a collision shape and a mass, and the
+//!    closed control mesh becomes a container.
 //! 2. **Fill** ([`fill`]): props fill the container under upward gravity, as if it stood on its head, and
 //!    settle in it.
 //! 3. **Turn over** ([`turn_over`]): the container is gone, gravity points down, and every body waits in place.
 //! 4. **Glue** ([`glue`]): where the parameters ask for it, contacts are glued until the pile stands by itself.
-//! 5. **Release** ([`release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile
-//!    the control ([`cairn_motion::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds them
-//!    still, which keeps the shape. A glued pile is released at once, without control.
-//! 6. **Hold** ([`cairn_motion::hold`]): until the pile rests. Bodies may then be taken away ([`cairn_show::taking_apart`]), and
-//!    visible meshes separated ([`separate`]).
+//! 5. **Release** ([`release`]): the bodies begin to move, layer by layer from the bottom to the top. Meanwhile the
+//!    control ([`cairn_motion::control`]) finds bodies that are in equilibrium ([`cairn_statics::local`]) and holds
+//!    them still, which keeps the shape. A glued pile is released at once, without control.
+//! 6. **Hold** ([`cairn_motion::hold`]): until the pile rests. Bodies may then be taken away
+//!    ([`cairn_show::taking_apart`]), and visible meshes separated ([`separate`]).
 //! 7. **Report** ([`report`]): the pile is measured.
 //!
 //! Synchronous and pure: no files, no clock, no wire, no global randomness. A caller builds a [`Scene`] (the meshes),
@@ -33,6 +33,8 @@
 //! ```
 //!
 //! Meshes are read from glTF files by [`cairn_input::asset::read`].
+//!
+//! It must never know a file, a message, a clock or who asks. It names no engine: the world is [`cairn_engine::world`].
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

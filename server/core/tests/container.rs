@@ -1,7 +1,6 @@
 //! Containers: touching parts stay as they are, overlapping ones become one, and fine meshes become coarser.
 
-mod common;
-
+use super::common::cone;
 use cairn_engine::shape::{Shape, Size};
 use cairn_engine::units::Units;
 use cairn_geometry::ClosedMesh;
@@ -14,7 +13,6 @@ use cairn_input::scene::{Model, Prop, Scene, StaticModel};
 use cairn_prepare::container::{Container, has_fine_walls};
 use cairn_prepare::effects::EffectName;
 use cairn_prepare::surroundings::Surroundings;
-use common::cone;
 use glam::{DQuat, DVec3};
 
 /// A box from `low` to `high`, each side cut into `cuts` x `cuts` squares; faces outward.
@@ -128,7 +126,7 @@ fn a_coarse_container_is_left_alone() {
     assert!(!has_fine_walls(&inspect(&mesh), 1.0));
     let mut params = Params::new(Accuracy::Standard);
     params.fill.wall_tolerance = 0.5;
-    let scene = common::scene(mesh, common::stick());
+    let scene = super::common::scene(mesh, super::common::stick());
     let plan = cairn_core::plan(&scene, &params).unwrap();
     let effect = plan.effects.iter().find(|effect| effect.name == EffectName::WallSimplification).unwrap();
     assert!(!effect.on, "{}", effect.reason);
@@ -172,7 +170,7 @@ fn small_and_flat_holes_are_closed() {
 
 #[test]
 fn an_open_control_mesh_that_has_an_inside_is_filled() {
-    let mut scene = common::scene(cone(0.8, 1.2), common::stick());
+    let mut scene = super::common::scene(cone(0.8, 1.2), super::common::stick());
     let control = &mut scene.control.as_mut().unwrap().mesh;
     let low = control.bounds().0.y;
     *control = without(&weld(control, 1e-9), |corners| corners.iter().all(|p| p.y == low));
@@ -209,7 +207,7 @@ fn hollow_props_take_the_room_of_their_hull() {
     assert!((size(&cup).hull_volume - hull).abs() < 1e-3 * hull, "{}", size(&cup).hull_volume);
     assert!(size(&cup).volume < 0.2 * hull);
     let expected = |mesh: &TriMesh| {
-        let scene = common::scene(cone(1.0, 2.0), mesh.clone());
+        let scene = super::common::scene(cone(1.0, 2.0), mesh.clone());
         cairn_core::plan(&scene, &Params::new(Accuracy::Standard)).unwrap().expected_bodies as f64
     };
     let (cups, crates) = (expected(&cup), expected(&crate_));

@@ -1,13 +1,11 @@
 //! Effects are decided once: the bake has the effects of its plan.
 
-mod common;
-
+use super::common::{cone, disc, scene, stick};
 use cairn_core::{bake, plan};
 use cairn_geometry::mesh::TriMesh;
 use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, Figures, Params, Switch};
 use cairn_prepare::effects::{Count, EffectName};
-use common::{cone, disc, scene, stick};
 use strum::VariantArray;
 
 /// A box without its lid: open, so that its mass is that of its collision shape.

@@ -1,8 +1,7 @@
 //! Entrances of small piles: they end at the pile that the bake delivers without one, fall as bodies fall, and cut
 //! nothing. All is computed again from the frames.
 
-mod common;
-
+use super::common::{block, cone, scene, stick};
 use cairn_core::Error;
 use cairn_core::bake;
 use cairn_core::report::bake::{Bake, BakedPile};
@@ -11,7 +10,6 @@ use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, EntranceKind, EntranceOrder, Params};
 use cairn_input::scene::{Emitter, EmitterVolume, Model, PlacedBody, Prop, Scene};
-use common::{block, cone, scene, stick};
 use glam::{DAffine3, DVec3};
 
 fn params(kind: EntranceKind) -> Params {

@@ -1,8 +1,7 @@
 //! Additions of a scene to its fill, end to end. Long: a scene for each of placed bodies, emitters, moving scenery,
 //! blows, the end of the control, and bodies that are taken away.
 
-mod common;
-
+use super::common::{block, cone, scene, stick};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake};
 use cairn_geometry::mesh::TriMesh;
@@ -13,7 +12,6 @@ use cairn_input::scene::{
     Emitter, EmitterVolume, Keyframe, Model, PlacedBody, Prop, RemovalChoice, RemovalRequest, Scene, StaticModel,
 };
 use cairn_show::taking_apart::RemovedBody;
-use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;
 

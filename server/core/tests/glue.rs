@@ -1,7 +1,6 @@
 //! Glued piles, end to end: any shape stands, with few dots, and breaks where it is hit.
 
-mod common;
-
+use super::common::{cone, scene, stick};
 use cairn_core::bake;
 use cairn_core::report::bake::Bake;
 use cairn_geometry::mesh::TriMesh;
@@ -9,7 +8,6 @@ use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, GlueMode, Params, ReleaseOrder, Switch};
 use cairn_input::scene::{CollapseRequest, Model, PlacedBody, Prop, Scene};
-use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 
 fn params() -> Params {

@@ -1,8 +1,7 @@
 //! `hanging` of a report, against a check of its own: final poses and meshes alone, touching boxes by separating axes,
 //! chains by Warshall's closure. The product takes the engine's contacts and spreads from the ground upward.
 
-mod common;
-
+use super::common::{cone, scene, stick};
 use cairn_core::bake;
 use cairn_engine::shape;
 use cairn_engine::world::{Insertion, Role, Units, World};
@@ -13,7 +12,6 @@ use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, GlueMode, Params};
 use cairn_input::scene::Scene;
 use cairn_prepare::check;
-use common::{cone, scene, stick};
 use glam::DVec3;
 
 /// What counts as carried, doubtful contacts left out or let in.

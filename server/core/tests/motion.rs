@@ -1,8 +1,7 @@
 //! Motion that nobody doubts: what touches nothing falls freely, and no frame is written in which nothing is seen.
 //! That piles fall once, at any place, is a hard case (`tests/hard`).
 
-mod common;
-
+use super::common::{block, cone, scene, stick};
 use cairn_core::bake;
 use cairn_core::report::bake::Bake;
 use cairn_engine::shape::{Shape, Size};
@@ -13,7 +12,6 @@ use cairn_input::params::{Accuracy, GlueMode, Params, Switch};
 use cairn_input::scene::{PlacedBody, Scene};
 use cairn_motion::motion::Motion;
 use cairn_prepare::effects::Count;
-use common::{block, cone, scene, stick};
 use glam::{DQuat, DVec3};
 
 fn natural() -> Params {

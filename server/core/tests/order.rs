@@ -1,7 +1,6 @@
 //! How props lie: stacked, bonded, crosswise and nested; in bands and clusters; shaken.
 
-mod common;
-
+use super::common::{cone, scene, stick};
 use cairn_core::bake;
 use cairn_core::report::bake::Bake;
 use cairn_geometry::interior::MeshInterior;
@@ -11,7 +10,6 @@ use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, FillMethod, GlueMode, Layout, Params};
 use cairn_input::scene::{Scene, Turns, UprightRule};
 use cairn_prepare::effects::Count;
-use common::{cone, scene, stick};
 use glam::DVec3;
 use std::f64::consts::TAU;
 

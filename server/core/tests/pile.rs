@@ -1,7 +1,6 @@
 //! The method end to end on small piles: promises of a bake that hold for every scene.
 
-mod common;
-
+use super::common::{block, cone, disc, scene, stick};
 use cairn_core::bake;
 use cairn_core::cache::NoCache;
 use cairn_core::report::TIMED_FIGURES;
@@ -12,7 +11,6 @@ use cairn_geometry::pose::Pose;
 use cairn_input::observer::{Observer, Progress, Silent};
 use cairn_input::params::{Accuracy, ControlMode, FillMethod, GlueMode, Params, Switch};
 use cairn_input::scene::Scene;
-use common::{block, cone, disc, scene, stick};
 use glam::DVec3;
 use std::ops::ControlFlow;
 

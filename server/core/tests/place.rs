@@ -1,8 +1,7 @@
 //! Piles among scenery: nothing lies in it, and what carries a pile is known. Long: each kind of scenery has its own
 //! scene.
 
-mod common;
-
+use super::common::{block, scene};
 use cairn_core::report::bake::Bake;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
@@ -12,7 +11,6 @@ use cairn_input::scene::Model;
 use cairn_input::scene::{Keyframe, Prop, Scene, StaticModel};
 use cairn_prepare::check::{self, CheckedScene};
 use cairn_prepare::inside::inside;
-use common::{block, scene};
 use glam::{DQuat, DVec3};
 
 const ANGLES: u32 = 24;
@@ -84,7 +82,7 @@ const CUT: f64 = 0.008;
 #[test]
 fn no_body_lies_in_scenery() {
     let radius = 0.1;
-    let pole = at(common::disc(radius, 1.0), DVec3::Y * 0.3);
+    let pole = at(super::common::disc(radius, 1.0), DVec3::Y * 0.3);
     for method in [FillMethod::Insert, FillMethod::Stack, FillMethod::Pour] {
         let scene = bricks(vec![piece("pole", pole.clone())]);
         let done = bake(&scene, &draft(method));
@@ -182,7 +180,7 @@ fn a_shape_may_reach_into_a_thick_wall() {
 /// A body that is put into scenery is reported with the scenery's name, their count and the depth.
 #[test]
 fn bodies_that_cut_scenery_are_named() {
-    let pole = at(common::disc(0.1, 1.0), DVec3::Y * 0.3);
+    let pole = at(super::common::disc(0.1, 1.0), DVec3::Y * 0.3);
     let (with, without) = (bricks(vec![piece("Column.glb", pole)]), bricks(vec![]));
     let params = draft(FillMethod::Insert);
     let filled = cairn_core::fill_container(&without, &params, &mut cairn_core::cache::NoCache, &mut Silent);
@@ -205,7 +203,7 @@ fn the_ground_is_below_what_carries() {
         legs.into_iter().chain([top]).map(|mesh| piece("table", mesh)).collect::<Vec<_>>()
     };
     assert!((ground(table()) + 0.75).abs() < 1e-9, "at the foot of its legs: {}", ground(table()));
-    let pole = at(common::disc(0.1, 2.0), DVec3::Y * 0.3);
+    let pole = at(super::common::disc(0.1, 2.0), DVec3::Y * 0.3);
     assert_eq!(ground(vec![piece("pole", pole)]), 0.0, "the pile stands beside the pole");
     assert_eq!(ground(vec![]), 0.0);
     let mut given = params.clone();
@@ -259,7 +257,7 @@ fn what_floats_starts_where_it_is_modelled() {
 /// Scenery that moves takes the room that it has in the first frame.
 #[test]
 fn moving_scenery_is_where_it_starts() {
-    let pole = common::disc(0.1, 1.0);
+    let pole = super::common::disc(0.1, 1.0);
     let key =
         |time, x| Keyframe { time, pose: Pose { translation: DVec3::new(x, 0.3, 0.0), rotation: DQuat::IDENTITY } };
     let moving = StaticModel { keys: vec![key(5.0, 0.15), key(6.0, 1.0)], ..piece("pole", pole) };
@@ -337,7 +335,7 @@ fn each_warning_about_scenery_has_its_cause() {
     };
     let table = piece("table", at(block(DVec3::splat(1.0)), DVec3::Y * -1.0));
     let cut = |keys: Vec<Keyframe>| {
-        let pole = StaticModel { keys, ..piece("pole", at(common::disc(0.1, 1.0), DVec3::Y * 0.3)) };
+        let pole = StaticModel { keys, ..piece("pole", at(super::common::disc(0.1, 1.0), DVec3::Y * 0.3)) };
         let filled =
             cairn_core::fill_container(&bricks(vec![]), &params, &mut cairn_core::cache::NoCache, &mut Silent).unwrap();
         let scene = bricks(vec![pole]);
@@ -390,7 +388,7 @@ fn each_warning_about_scenery_has_its_cause() {
 /// A pile on a tip has room for no prop there: glued, it is set down on the table that carries its shape.
 #[test]
 fn a_narrow_foot_is_set_down_on_scenery() {
-    let cone = common::cone(0.5, 0.8);
+    let cone = super::common::cone(0.5, 0.8);
     let points = cone.points.iter().map(|p| DVec3::new(p.x, 1.3 - p.y, p.z)).collect();
     let triangles = cone.triangles.iter().map(|&[a, b, c]| [a, c, b]).collect();
     let tip = TriMesh { points, triangles };

@@ -1,14 +1,12 @@
 //! How a pile comes to rest.
 
-mod common;
-
+use super::common::{cone, scene, stick};
 use cairn_core::bake;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, ControlMode, Params, ReleaseOrder};
 use cairn_input::scene::{PlacedBody, Scene};
-use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 

@@ -1,14 +1,12 @@
 //! Several piles in one bake, and piles that ride on scenery that moves.
 
-mod common;
-
+use super::common::{block, scene};
 use cairn_core::report::bake::Bake;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, GlueMode, Params, Switch};
 use cairn_input::scene::{Keyframe, Model, PileShape, Prop, Scene, StaticModel};
-use common::{block, scene};
 use glam::{DQuat, DVec3};
 
 fn at(mesh: TriMesh, place: DVec3) -> TriMesh {

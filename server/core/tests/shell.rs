@@ -1,7 +1,6 @@
 //! Piles of which only the surface is made of props: the core, the room that it leaves, and its effect on the figures.
 
-mod common;
-
+use super::common::{cone, scene, stick};
 use cairn_core::report::bake::Bake;
 use cairn_core::{Error, bake, plan};
 use cairn_geometry::ClosedMesh;
@@ -13,7 +12,6 @@ use cairn_input::params::{Accuracy, FillMethod, Params};
 use cairn_input::scene::Scene;
 use cairn_prepare::container::core::Core;
 use cairn_prepare::effects::{Count, EffectName};
-use common::{cone, scene, stick};
 use glam::DVec3;
 
 fn closed(mesh: &TriMesh) -> ClosedMesh {

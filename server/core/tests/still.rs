@@ -1,13 +1,11 @@
 //! Piles of which only one pose is wanted: the last one, or the one that was placed.
 
-mod common;
-
+use super::common::{cone, scene, stick};
 use cairn_core::bake;
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::{Frame, Observer, Progress, Silent};
 use cairn_input::params::{Accuracy, Params, Switch};
 use cairn_input::scene::{PlacedBody, Scene};
-use common::{cone, scene, stick};
 use glam::{DQuat, DVec3};
 use std::ops::ControlFlow;
 

@@ -1,13 +1,11 @@
 //! The world: props lie flat, and nails start without strain, carry and break.
 
-mod common;
-
+use super::common::{cone, disc, scene, stick};
 use cairn_engine::shape::{Shape, ShapeKind, Size, Solid, hull_mesh};
 use cairn_engine::world::{ContactPair, ContactPoint, Insertion, PairSide, ReservedPlaces, Units, World};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
 use cairn_input::params::{Accuracy, Params};
-use common::{cone, disc, scene, stick};
 use glam::{DQuat, DVec3};
 
 /// A prop, the ground, and the prop's thickness in engine units.

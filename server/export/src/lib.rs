@@ -1,7 +1,12 @@
-//! Writers of a finished bake: an animated `.glb`, USD, tables as `.json` and `.csv`; MuJoCo's `.xml` and a `.glb` with
-//! physics, to be simulated further; and a `.glb` of the collision shapes.
+//! Writers of a finished bake: an animated `.glb`, USD, tables as `.json` and `.csv`. Long: all formats meet here.
+//!
+//! Also MuJoCo's `.xml` and a `.glb` with physics, to be simulated further; and a `.glb` of the collision shapes.
 //!
 //! The same bake and sources give the same bytes. A file appears complete or not at all.
+//!
+//! It must never know a request or a server. Only `usd` names the `openusd` crate.
+//!
+//! Invariants: what a result leaves out is recorded by the writer that leaves it out, and rehearsed before the bake.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,5 +1,10 @@
 //! Reads input files, with a message for each kind of failure, and writes files complete or not at all. Long: all that
 //! the package knows of paths is here.
+//!
+//! It must never know a message or a scene: paths, bytes and problems ([`problem`]) alone.
+//!
+//! Invariants: a file appears complete or not at all; each place that writes, syncs or renames can be made to fail
+//! ([`failpoints`]).
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,4 +1,10 @@
-//! Meshes and poses, and computations on them without physics.
+//! Meshes and poses, distance fields, where meshes cross, and what a pile looks like in figures ([`measure`]).
+//!
+//! It must never know an engine, a scene or a file: points and triangles in, numbers out. Of other people's geometry it
+//! names one function, the convex hull ([`hull`]), whose result it checks.
+//!
+//! Invariants: lengths are in the unit of the caller's points, double precision except in [`rays`]; equal input gives
+//! equal trees, hulls and orders, on any number of threads; no result is NaN.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -70,8 +70,8 @@ impl RayTree {
         &self.order
     }
 
-    /// Visits the places of the things whose boxes a ray meets, nearer boxes first. `meet` gets how far the ray reaches,
-    /// and returns how far it reaches from then on; a reach below 0 ends the walk.
+    /// Visits the places of the things whose boxes a ray meets, nearer boxes first. `meet` gets how far the ray
+    /// reaches, and returns how far it reaches from then on; a reach below 0 ends the walk.
     #[inline(always)]
     pub fn along(&self, ray: &Ray, mut reach: f32, mut meet: impl FnMut(usize, f32) -> f32) {
         let Some(mut node) = self.nodes.first().filter(|root| ray.enters(root, reach).is_some()) else { return };
@@ -158,7 +158,8 @@ impl RaySoup {
         clear
     }
 
-    /// Calls `visit` for every triangle on a ray that is nearer than `reach`, with the distance, in no particular order.
+    /// Calls `visit` for every triangle on a ray that is nearer than `reach`, with the distance, in no particular
+    /// order.
     pub fn all(&self, ray: &Ray, reach: f32, mut visit: impl FnMut(usize, f32)) {
         self.tree.along(ray, reach, |place, reach| {
             let distance = self.triangles[place].distance(ray);
@@ -171,8 +172,8 @@ impl RaySoup {
 }
 
 impl Triangle {
-    /// How far along the ray it meets the triangle, from either side, in lengths of its direction; infinity where it does
-    /// not, or only before its origin.
+    /// How far along the ray it meets the triangle, from either side, in lengths of its direction; infinity where it
+    /// does not, or only before its origin.
     #[inline(always)]
     pub fn distance(&self, ray: &Ray) -> f32 {
         let (e1, e2) = self.edges();

@@ -1,4 +1,9 @@
 //! A scene with all its files read, and its bake, for the command line and the service.
+//!
+//! It must never know who asks, nor send anything.
+//!
+//! Invariants: all problems of all files are reported at once, before any work; a result names files relative to its
+//! scene, so that nothing of the machine is in its bytes; the cache changes no result, only its time.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

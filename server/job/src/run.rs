@@ -156,7 +156,7 @@ mod tests {
             std::hint::black_box((0..100_000_u64).fold(0, u64::wrapping_add));
         }
         let before = machine::cpu_seconds();
-        let asset = |name| format!("{}/examples/assets/{name}", env!("CARGO_MANIFEST_DIR"));
+        let asset = |name| format!("{}/examples/assets/{name}", env!("CAIRN_REPOSITORY"));
         let mut tree = SceneTree::from_message(&proto::Scene {
             control_mesh: Some(proto::ControlMesh { path: asset("cone-small.glb") }),
             props: vec![proto::Prop { path: asset("stick.glb"), ..Default::default() }],
@@ -182,7 +182,7 @@ mod tests {
     /// nor much smaller.
     #[test]
     fn the_size_of_a_result_is_bounded_before_the_bake() {
-        let asset = |name| format!("{}/examples/assets/{name}", env!("CARGO_MANIFEST_DIR"));
+        let asset = |name| format!("{}/examples/assets/{name}", env!("CAIRN_REPOSITORY"));
         for (assignments, slack) in
             [(["control=off", "seed=1"], 12), (["glue=as_modelled", "seed=1"], 60), (["output.frames=1", "seed=2"], 12)]
         {

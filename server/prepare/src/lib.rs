@@ -1,5 +1,10 @@
 //! Everything before the first step: dense props made light, checks of the scene, the inside of containers, the scenery
-//! around the shape, collision shapes and container, the effects, the plan, the estimate.
+//! around the shape, the container, the effects, the plan, the estimate.
+//!
+//! It must never step a world. What is known here is an error or a warning before the bake, never after it.
+//!
+//! Invariants: all problems are found at once; an effect is decided once, by [`effects::Resolved`], which later rooms
+//! obey.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

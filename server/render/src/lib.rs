@@ -1,4 +1,8 @@
 //! A shaded still of any glTF file, by ray casting: software only, and the same picture for any number of threads.
+//!
+//! It must never know a bake: it reads the nodes of any file.
+//!
+//! Invariants: the same file and settings give the same bytes; triangles are bounded before any is read.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,4 +1,10 @@
-//! The gRPC service: a server, its jobs, and a worker process for each bake.
+//! The gRPC service: a server, its jobs, and a worker process for each bake; and its client ([`client`]).
+//!
+//! The server's own process must never decode a model or run physics: it uses neither [`analysis`] nor [`worker`],
+//! which run in processes of their own.
+//!
+//! Invariants: everything is bounded (places, streams, uploads, memory and time of a bake, bytes and age of the store);
+//! each fault becomes a gRPC status in [`status`] alone; the same request is the same bake, by a hash.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -1,4 +1,9 @@
-//! The messages of `cairn.v1`, and all conversion between them and the core's types.
+//! The messages of `cairn.v1`, all conversion between them and the core's types, and scene files held against the
+//! schema ([`scene_file`]).
+//!
+//! It must never know tonic: what bakes does not know who asks. It alone knows both messages and parameters.
+//!
+//! Invariants: the effective scene has every default filled in and bakes to the same result; counts fit the wire.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -135,7 +135,7 @@ pub fn cloud(count: usize, across: usize, spacing: f64, seed: u64) -> Vec<Pose> 
 
 /// The model of a file in `examples/assets`.
 pub fn asset(name: &str) -> TriMesh {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name);
+    let path = Path::new(env!("CAIRN_REPOSITORY")).join("examples/assets").join(name);
     let bytes = std::fs::read(&path).expect("a model of the examples");
     let resolve = |uri: &str| Err(format!("{uri}: the examples have no external files"));
     let limits = Default::default();
@@ -145,7 +145,7 @@ pub fn asset(name: &str) -> TriMesh {
 
 /// The house of 40 cards of `examples/cards.toml`, larger by `factor`, with another friction.
 pub fn cards(factor: f64, friction: f64) -> Scene {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/cards.toml");
+    let path = Path::new(env!("CAIRN_REPOSITORY")).join("examples/cards.toml");
     let tree = cairn_wire::scene_file::SceneTree::load(&path).expect("an example is sound");
     let mut scene = cairn_job::Job::read(&tree.to_message()).expect("an example's files are there").scene;
     scene.bodies.retain(PlacedBody::is_stacked);

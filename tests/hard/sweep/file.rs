@@ -1,7 +1,7 @@
 //! A random scene as files that `cairn bake` takes.
 
+use super::super::rows::gltf::gltf;
 use super::recipe::Recipe;
-use crate::rows::gltf::gltf;
 use cairn_wire::proto;
 use cairn_wire::scene_file::SceneTree;
 use cairn_wire::to_proto;

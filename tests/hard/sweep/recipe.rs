@@ -1,6 +1,6 @@
 //! How a random scene is made: few numbers, so that a failure shrinks to few.
 
-use crate::rows::scenes::{ball, block, cone, cylinder, prop};
+use super::super::rows::scenes::{ball, block, cone, cylinder, prop};
 use cairn_engine::shape;
 use cairn_engine::world::{ContactPair, Insertion, PairSide, Units, World};
 use cairn_geometry::mesh::TriMesh;

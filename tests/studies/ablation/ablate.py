@@ -32,7 +32,7 @@ TREE = HOME / "tree"
 SCENES = Path(__file__).parent / "scenes.json"
 PAGE = Path(__file__).parent / "ablation.md"
 # The sources whose constants are changed.
-SOURCES = ["server/core/src", "server/statics/src"]
+SOURCES = [f"server/{room}/src" for room in ("statics", "engine", "prepare", "analysis", "motion", "show", "core")]
 FACTORS = (0.5, 2.0)
 SEEDS = range(1, 6)
 # A bake that takes this many seconds instead of one hangs.

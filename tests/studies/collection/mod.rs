@@ -6,7 +6,7 @@ use cairn_input::scene::Model;
 use std::path::{Path, PathBuf};
 
 pub fn folder() -> PathBuf {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
+    let beside = Path::new(env!("CAIRN_REPOSITORY")).join("../shared/data");
     std::env::var_os("CAIRN_COLLECTION").map_or(beside, PathBuf::from)
 }
 

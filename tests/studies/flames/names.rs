@@ -30,7 +30,7 @@ pub fn short(name: &str, file: Option<&Path>) -> Option<String> {
     }
 }
 
-/// `run`, `server/core/src/stages/fill.rs` -> `fill::run`; of other crates, `rapier3d step`.
+/// `run`, `server/core/src/fill.rs` -> `fill::run`; of other crates, `rapier3d step`.
 fn by_file(name: String, file: &Path) -> Option<String> {
     if is_noise(&name) {
         return None;
@@ -38,7 +38,7 @@ fn by_file(name: String, file: &Path) -> Option<String> {
     let parts: Vec<&str> = file.iter().filter_map(|part| part.to_str()).collect();
     let source = parts.iter().rposition(|&part| part == "src")?;
     let package = parts.get(source.checked_sub(1)?)?;
-    if ["core", "statics"].contains(package) && source >= 2 && parts[source - 2] == "server" {
+    if source >= 2 && parts[source - 2] == "server" {
         let module =
             parts[source + 1..].iter().rev().map(|part| part.trim_end_matches(".rs")).find(|&part| part != "mod");
         return Some(match module {
@@ -59,8 +59,8 @@ fn by_path(name: &str) -> Option<String> {
         return None;
     }
     let last = segments[segments.len().saturating_sub(2)..].join("::");
-    let is_ours = first == "cairn_core" || segments.len() < 3;
-    let last = last.strip_prefix("cairn_core::").unwrap_or(&last).to_owned();
+    let is_ours = first.starts_with("cairn_") || segments.len() < 3;
+    let last = last.strip_prefix(&format!("{first}::")).unwrap_or(&last).to_owned();
     Some(if is_ours { last } else { format!("{first} {last}") })
 }
 

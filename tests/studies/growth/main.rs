@@ -1,7 +1,7 @@
 //! How Cairn's time and memory grow with the pile: bakes sticks, bananas and rubble in cones that take 100, 1,000, ...
 //! of them.
 //!
-//!     cargo run --release --example growth -- --to 1000
+//!     cargo study growth -- --to 1000
 //!
 //! Goes on where it ended: what is measured stays in target/growth. README.md beside this file describes the rest.
 

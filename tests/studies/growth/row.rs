@@ -126,7 +126,7 @@ impl Asked<'_> {
 
 /// CPU seconds to write a pile of so many bodies and frames into Blender, all of them moving.
 fn into_blender(blender: &Path, bodies: u64, frames: u64) -> anyhow::Result<f64> {
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/addon/benchmark.py");
+    let script = Path::new(env!("CAIRN_REPOSITORY")).join("tests/addon/benchmark.py");
     let mut command = Command::new(blender);
     // A Python with bpy takes the script alone.
     if blender.file_name().is_some_and(|name| name.to_string_lossy().starts_with("blender")) {

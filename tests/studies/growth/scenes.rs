@@ -63,7 +63,7 @@ impl Kind {
 }
 
 fn asset(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name)
+    Path::new(env!("CAIRN_REPOSITORY")).join("examples/assets").join(name)
 }
 
 /// Hulls of random points on ellipsoids, 0.3 to 1.2 m long; always the same.

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fits the estimate of a bake's peak memory (`server/src/job/memory.rs`) to bakes, and writes the table in README.md.
+"""Fits the estimate of a bake's peak memory (`server/job/src/memory.rs`) to bakes, and writes the table in README.md.
 
     cargo build --release
     python tests/studies/memory/fit.py       some minutes; needs numpy

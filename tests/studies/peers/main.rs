@@ -2,9 +2,9 @@
 //! simpler variants take it from there, and measures where an engine left it. `tests/studies/peers/run` does all of
 //! that.
 //!
-//!     cargo run --release --example peers -- scene examples/sticks.toml --set fill.count=60 -o pile.json
-//!     cargo run --release --example peers -- bake pile.json --variant held -o held.json
-//!     cargo run --release --example peers -- measure pile.json held.json
+//!     cargo study peers -- scene examples/sticks.toml --set fill.count=60 -o pile.json
+//!     cargo study peers -- bake pile.json --variant held -o held.json
+//!     cargo study peers -- measure pile.json held.json
 
 mod cpu;
 mod export;

@@ -29,7 +29,7 @@ pub const SMALL: [(&str, &str, &[&str]); 5] = [
 pub fn small(name: &str, set: &[&str]) -> anyhow::Result<Job> {
     let (_, file, own) = SMALL.iter().find(|(known, ..)| *known == name).context("a name of a small scene")?;
     let set: Vec<String> = own.iter().chain(set).map(ToString::to_string).collect();
-    read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("examples").join(file), &set)
+    read(&Path::new(env!("CAIRN_REPOSITORY")).join("examples").join(file), &set)
 }
 
 /// Reads a scene file, with assignments as `--set` takes them.

@@ -1,5 +1,5 @@
-//! Piles among scenery: `cargo run --release --example place -- [--only 0..60] [--seeds 1] [--accuracy draft]
-//! [--method insert] [--before] [--props FOLDER] [--out table.md]`.
+//! Piles among scenery: `cargo study place -- [--only 0..60] [--seeds 1]
+//! [--accuracy draft] [--method insert] [--before] [--props FOLDER] [--out table.md]`.
 //!
 //! Bakes scenes of bins, poles, slopes, hills, shelves, jars and tables, and judges each by its visible meshes: bodies
 //! that cut scenery by more than a tenth of their thickness, bodies lost, the share of the room that is filled and the
@@ -67,7 +67,7 @@ impl Observer for Clock {
 }
 
 const PAGE: &str = "# Piles among scenery\n\n\
-    Written by `cargo run --release --example place -- --out tests/studies/place/results.md`, with `--accuracy` and\n\
+    Written by `cargo study place -- --out tests/studies/place/results.md`, with `--accuracy` and\n\
     `--method` where one of each is asked for. What to conclude: whether bodies cut scenery, judged by their visible \
     meshes;\nhow full the room is; and what scenery costs. *The void* is the same shape without scenery: its container \
     gives way a\nlittle, which walls of scenery do not, so that a small bin or jar holds less. The last line counts \

@@ -1,9 +1,9 @@
 //! Small problems with known answers, for Cairn and for other engines: writes them, runs them in Cairn, judges runs,
 //! and makes the page. `tests/studies/problems/run` does all of that.
 //!
-//!     cargo run --release --example problems -- write target/problems
-//!     cargo run --release --example problems -- bake target/problems sag 0 standard -o run.json
-//!     cargo run --release --example problems -- judge target/problems sag 0 run.json
+//!     cargo study problems -- write target/problems
+//!     cargo study problems -- bake target/problems sag 0 standard -o run.json
+//!     cargo study problems -- judge target/problems sag 0 run.json
 
 mod export;
 #[path = "../peers/format.rs"]

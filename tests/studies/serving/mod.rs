@@ -42,7 +42,7 @@ pub fn request(control: &str, assignments: &[&str]) -> BakeRequest {
 }
 
 pub fn asset(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets").join(name)
+    Path::new(env!("CAIRN_REPOSITORY")).join("examples/assets").join(name)
 }
 
 pub fn sha256(bytes: &[u8]) -> String {

@@ -1,5 +1,5 @@
 //! The fitted numbers; those of the accuracies are in [`cairn_input::params::Accuracy::traits`]. `cargo run --release
-//! --example fit_estimate -- RUNS...` prints them.
+//! --package cairn-studies --example fit_estimate -- RUNS...` prints them.
 
 use super::CostExponents;
 

@@ -9,7 +9,7 @@ pub mod page;
 pub mod results;
 mod scenes;
 
-use crate::rows::{edges, piles, places, scenes as hard, stacks};
+use super::rows::{edges, piles, places, scenes as hard, stacks};
 use cairn_geometry::pose::Pose;
 use cairn_input::scene::Scene;
 use glam::DVec3;

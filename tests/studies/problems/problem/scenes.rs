@@ -1,9 +1,9 @@
 //! Scenes of problems that are no hard cases.
 
+use super::super::rows::edges::{moved, scenery};
+use super::super::rows::piles::RADIUS;
+use super::super::rows::scenes::{at, block, globe, placed, prop};
 use super::GRAVITY;
-use crate::rows::edges::{moved, scenery};
-use crate::rows::piles::RADIUS;
-use crate::rows::scenes::{at, block, globe, placed, prop};
 use cairn_engine::shape::{Shape, Size};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;

@@ -3,7 +3,7 @@
 //! slope and overhang) are tests of the analysis in `server/statics/tests/equilibrium/`.
 //!
 //! The full size of the shortened rows: `cargo test --release --test hard -- --ignored`. The long run of the stability
-//! sweep: `cargo run --release --example sweep`.
+//! sweep: `cargo study sweep`.
 
 mod guard;
 #[path = "../studies/problems/problem/mod.rs"]
@@ -97,7 +97,7 @@ full!(
 /// Thirty random scenes, always the same, after those that failed once (`sweep/failures.txt`).
 #[test]
 fn thirty_random_scenes_are_sound() {
-    let failures = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/hard/sweep/failures.txt");
+    let failures = concat!(env!("CAIRN_REPOSITORY"), "/tests/hard/sweep/failures.txt");
     let config = Config {
         cases: 30,
         max_shrink_iters: 100,

@@ -1,9 +1,9 @@
 //! Local equilibrium: our solver and Clarabel over the same bodies, in one run. benches/README.md has the table.
 
-#[path = "../tests/equilibrium/generator.rs"]
+#[path = "../statics/tests/equilibrium/generator.rs"]
 #[allow(dead_code)]
 mod generator;
-#[path = "../tests/equilibrium/wall.rs"]
+#[path = "../statics/tests/equilibrium/wall.rs"]
 mod wall;
 
 use cairn_statics::global::{GlobalProblem, Objective, analyse};

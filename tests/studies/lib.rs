@@ -1,0 +1,1 @@
+//! Studies are examples of this package; it has no code of its own.
