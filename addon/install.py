@@ -28,7 +28,8 @@ USUAL = {
 }
 # Runs in Blender.
 INSTALL = """
-import addon_utils, bpy, sys
+import bpy
+import addon_utils
 zip = {zip!r}
 if bpy.app.version >= (4, 2):
     bpy.ops.extensions.package_install_files(filepath=zip, repo="user_default", enable_on_install=True, overwrite=True)
@@ -79,8 +80,14 @@ def python_with_pip():
 
 def install(blender, zip):
     code = INSTALL.format(zip=str(zip))
-    done = subprocess.run([*blender, "--background", "--python-expr", code], text=True, capture_output=True)
+    # A Blender of the system's takes its libraries from the first Python on the path, which must not be this one's.
+    path = [folder for folder in os.environ["PATH"].split(os.pathsep) if not folder.startswith(sys.prefix)]
+    environment = {**os.environ, "PATH": os.pathsep.join(path)}
+    command = [*blender, "--background", "--python-expr", code]
+    done = subprocess.run(command, text=True, capture_output=True, env=environment)
     said = next((line for line in done.stdout.splitlines() if line.startswith("cairn-installed")), "")
+    if "No module named 'numpy'" in done.stdout + done.stderr:
+        sys.exit("This Blender has no numpy, which its own builds have: on Debian, `apt install python3-numpy`.")
     if not said.startswith("cairn-installed True"):
         sys.exit(f"Blender did not take {zip}:\n{done.stdout}\n{done.stderr}")
     print(f"{zip.name} is in Blender {said.split()[-1]}: start it, press N in the 3D View, and choose the tab Pile.")

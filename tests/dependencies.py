@@ -31,10 +31,10 @@ def run(*command, folder=ROOT):
 
 
 def compiled(*target):
-    """Name and version of all crates of the program and its build, with the features that it asks for."""
+    """Name and version of all crates from elsewhere that the program and its build have."""
     kinds = ("--edges", "normal,build", "--package", "cairn", "--prefix", "none")
     lines = run("cargo", "tree", "--locked", *kinds, *target).splitlines()
-    return {tuple(line.split()[:2]) for line in lines if line}
+    return {tuple(line.split()[:2]) for line in lines if line and not line.startswith("cairn")}
 
 
 class Resolution:
@@ -65,7 +65,7 @@ class Resolution:
             at = left.pop()
             for id in self.uses[at] - seen:
                 is_cut = at in self.own and self.name(id) in without
-                if (self.name(id), self.version(id)) in among and not is_cut:
+                if (id in self.own or (self.name(id), self.version(id)) in among) and not is_cut:
                     seen.add(id)
                     left.append(id)
         return seen
@@ -103,7 +103,9 @@ def counted(text, locked):
 
     for line, filled in map(fill, rows(text)):
         text = text.replace(line, filled)
-    total = f"The program and its build have {len(everywhere)} crates for all targets, {len(here)} of them on Linux."
+    total = (
+        f"The program and its build have {len(everywhere)} crates from elsewhere for all targets, {len(here)} on Linux."
+    )
     versions = {}
     for name, version in sorted(everywhere):
         versions.setdefault(name, []).append(version)
@@ -133,15 +135,15 @@ def main():
         faults.append(f"{PAGE.relative_to(ROOT)} has other counts: tests/dependencies.py --write")
     if count > MOST:
         faults.append(f"{count} crates are more than {MOST}")
-    told = [name for names, _ in rows(text) for name in names]
+    reasoned = [name for names, _ in rows(text) for name in names]
     named = {locked.name(id) for id in locked.direct()}
-    faults += [f"{PAGE.name} has no reason for {name}" for name in sorted(named - set(told))]
-    faults += [f"{PAGE.name} has {name}, which nothing here names" for name in sorted(set(told) - named)]
+    faults += [f"{PAGE.name} has no reason for {name}" for name in sorted(named - set(reasoned))]
+    faults += [f"{PAGE.name} has {name}, which nothing here names" for name in sorted(set(reasoned) - named)]
     known = locked.meetings()
     for crate, used, version in sorted(fresh().meetings() - known):
         if not any(known[:2] == (crate, used) for known in known):
             faults.append(
-                f"without the lock file, {crate} takes {used} {version} while ours is another version: a build may fail. "
+                f"without the lock file, {crate} takes {used} {version} while ours is another one: a build may fail. "
                 f"Use another crate than {crate}, or bound its version."
             )
     print("\n".join(faults) or f"{count} crates, each direct one with its reason; an unlocked build fits together")

@@ -47,6 +47,8 @@ impl Desk {
         let mut command = Command::new(env!("CARGO_BIN_EXE_cairn"));
         // Each run simulates everything itself; tests of the cache remove this.
         command.env_remove("CAIRN_CACHE").env("CAIRN_NO_CACHE", "1");
+        // A server that names no folder keeps its data in the user's.
+        command.env("XDG_DATA_HOME", self.path("user"));
         command.args(args).current_dir(self.folder.path()).stdin(Stdio::null());
         command
     }

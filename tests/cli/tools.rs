@@ -2,7 +2,7 @@
 
 use crate::cli::desk::Desk;
 use serde_json::Value;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 #[test]
 fn completions_for_every_shell() {
@@ -105,6 +105,44 @@ fn the_doctor_names_what_other_versions_left() {
         std::fs::write(cache.join(name), vec![7; size << 20]).unwrap();
     }
     assert!(printed().starts_with("5 MiB in ") && printed().contains("5 MiB of other versions"), "{}", printed());
+}
+
+/// A server's data are the user's, not those of the folder in which it is started; what an earlier version left in that
+/// folder is named and not touched.
+#[test]
+#[cfg(target_os = "linux")]
+fn a_server_keeps_its_data_in_the_users_folder() {
+    use std::io::{BufRead, BufReader, Read};
+    let desk = Desk::new();
+    std::fs::create_dir(desk.path("cairn-data")).unwrap();
+    let mut command = desk.command(&["serve", "--listen", "127.0.0.1:0"]);
+    let mut server = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut address = String::new();
+    BufReader::new(server.stdout.take().unwrap()).read_line(&mut address).unwrap();
+    server.kill().unwrap();
+    let mut log = String::new();
+    server.stderr.take().unwrap().read_to_string(&mut log).unwrap();
+    server.wait().unwrap();
+    assert!(address.starts_with("127.0.0.1:"), "{address} {log}");
+    assert!(desk.path("user/cairn-server").is_dir());
+    assert!(log.contains("--data cairn-data") && log.contains(desk.path("cairn-data").to_str().unwrap()), "{log}");
+    assert_eq!(std::fs::read_dir(desk.path("cairn-data")).unwrap().count(), 0);
+}
+
+/// Every fault of a settings file is named at once, before anything is made.
+#[test]
+fn all_faults_of_a_settings_file_are_named() {
+    let desk = Desk::new();
+    desk.write("cairn.toml", "workerss = 4\nqueue = \"many\"\nlog = \"text\"\nunfinished = \"again\"\n");
+    let words = [
+        "unknown setting `workerss`. Did you mean `workers`?",
+        "`queue`: invalid type",
+        "`unfinished`: unknown variant",
+    ];
+    desk.line("serve --config cairn.toml").fails(78, &words);
+    desk.write("cairn.toml", "workers = \n");
+    desk.line("serve --config cairn.toml").fails(78, &["cairn.toml", "it must be TOML"]);
+    assert!(!desk.path("user").exists());
 }
 
 #[test]
