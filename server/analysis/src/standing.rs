@@ -11,8 +11,8 @@ use glam::DVec3;
 
 /// A body falls that misses at least this share of what the one that misses most does, of all or, in a large pile, of
 /// those around it; in its weight, and more than nothing.
-const AS_MUCH: f64 = 0.5;
-const SOMETHING: f64 = 1e-3;
+const SHARE_OF_MOST: f64 = 0.5;
+const LEAST_MISSING: f64 = 1e-3;
 
 /// The bodies that stand, with their forces.
 pub struct Found {
@@ -31,11 +31,11 @@ pub struct Found {
 
 /// A body that needs nearly the cautious share of friction while its neighbours are held gets all that it needs, and
 /// this much more.
-const MORE: f64 = 1.15;
+const SPARE_FRICTION: f64 = 1.15;
 
 /// Looks for the bodies that stand. Those that miss support are left out, then those that rested on them, until the
 /// others stand. `share`: the forces are to be within this share of friction, where a pile can be balanced by such;
-/// where it cannot, needy bodies get more, then all.
+/// where it cannot, bodies that need more get it, then all.
 pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Result<Found, Error> {
     let count = pile.bodies.len();
     let mut found = Found {
@@ -46,11 +46,11 @@ pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Re
         shares: vec![share; pile.contacts.len()],
         programs: 0,
     };
-    let need = |body: usize| MORE * own[body].friction.unwrap_or(1.0);
-    let needy: Vec<f64> =
+    let need = |body: usize| SPARE_FRICTION * own[body].friction.unwrap_or(1.0);
+    let needed: Vec<f64> =
         pile.contacts.iter().map(|c| need(c.body).max(c.other.map_or(0.0, need)).clamp(share, 1.0)).collect();
-    let halfway: Vec<f64> = needy.iter().map(|need| need.max((1.0 + share) / 2.0)).collect();
-    let mut steps = vec![found.shares.clone(), needy, halfway, vec![1.0; pile.contacts.len()]];
+    let halfway: Vec<f64> = needed.iter().map(|need| need.max((1.0 + share) / 2.0)).collect();
+    let mut steps = vec![found.shares.clone(), needed, halfway, vec![1.0; pile.contacts.len()]];
     // The same shares again would end in the same way.
     steps.dedup();
     let mut last = loop {
@@ -64,19 +64,19 @@ pub fn of(pile: &PileContacts, own: &[Own], share: f64, going: &mut Going) -> Re
             break forces;
         }
         found.programs += 1;
-        let missing = part.missing(SOMETHING, going)?;
+        let missing = part.missing(LEAST_MISSING, going)?;
         found.leave_out(&part, &missing);
     };
     let mut shares = steps.pop().unwrap_or_default();
     // What a body needs even while its neighbours are held, the whole needs.
-    let enough = |step: &[f64]| {
+    let suffices = |step: &[f64]| {
         let needs =
             |body: usize, at: usize| !found.falls[body] && own[body].friction.is_some_and(|need| need > step[at]);
         let contact =
             |(at, c): (usize, &GlobalContact)| needs(c.body, at) || c.other.is_some_and(|other| needs(other, at));
         !pile.contacts.iter().enumerate().any(contact)
     };
-    steps.retain(|step| enough(step));
+    steps.retain(|step| suffices(step));
     for step in steps {
         going.on(0.05)?;
         let part = Part::new(pile, &found.falls, |at| step[at]);
@@ -130,7 +130,7 @@ impl Found {
             }
         }
         for (k, &missing) in missing.iter().enumerate() {
-            let least = (AS_MUCH * around[k]).max(SOMETHING.min(all));
+            let least = (SHARE_OF_MOST * around[k]).max(LEAST_MISSING.min(all));
             if missing >= least {
                 (self.falls[part.bodies[k]], self.missing[part.bodies[k]]) = (true, missing);
             }
@@ -162,7 +162,7 @@ fn fall_alone(pile: &PileContacts, falls: &mut [bool]) -> Vec<(usize, f64)> {
             let GlobalBody { mass, center_of_mass, radius } = pile.bodies[body];
             let problem = LocalProblem { contacts, mass, center_of_mass, radius, gravity: DVec3::NEG_Y };
             match analyser.analyse(&problem, &Default::default()) {
-                Ok(Verdict::Unstable { residual, .. }) if residual >= SOMETHING => {
+                Ok(Verdict::Unstable { residual, .. }) if residual >= LEAST_MISSING => {
                     falls[body] = true;
                     found.push((body, residual));
                 }

@@ -71,16 +71,16 @@ fn measured(mesh: &TriMesh, triangles: Vec<[u32; 3]>, stride: usize) -> Option<S
     Some(Simplified { mesh: coarse, saved, deviation })
 }
 
-/// Collapses edges to about `enough` triangles, by an error of `bound` at most; in single precision about `middle`.
+/// Collapses edges to about `target` triangles, by an error of `bound` at most; in single precision about `middle`.
 /// `None` without a bound, and beyond the library's bounds of work and memory: a fine mesh only costs time.
-fn collapsed(mesh: &TriMesh, middle: DVec3, bound: f64, enough: usize) -> Option<Vec<[u32; 3]>> {
+fn collapsed(mesh: &TriMesh, middle: DVec3, bound: f64, target: usize) -> Option<Vec<[u32; 3]>> {
     if bound <= 0.0 {
         return None;
     }
     let positions: Vec<[f32; 3]> = mesh.points.iter().map(|p| (*p - middle).as_vec3().to_array()).collect();
     let corners = mesh.triangles.as_flattened();
     let settings = SimplifySettings {
-        target_index_count: (3 * enough).min(corners.len()),
+        target_index_count: (3 * target).min(corners.len()),
         target_error: bound as f32,
         options: SimplifyOptions::ERROR_ABSOLUTE,
     };

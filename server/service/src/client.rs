@@ -77,7 +77,7 @@ const FIRST_PAUSE: Duration = Duration::from_millis(200);
 /// Counts the attempts since something last went well.
 #[derive(Default)]
 struct Attempts {
-    made: u32,
+    attempts: u32,
     is_restart: bool,
 }
 
@@ -87,11 +87,11 @@ impl Attempts {
     async fn again(&mut self, error: Status) -> Result<(), Status> {
         let is_broken = matches!(error.code(), Code::Unavailable | Code::Unknown);
         self.is_restart |= is_shutting_down(&error);
-        if !is_broken || self.made == if self.is_restart { ATTEMPTS_AT_RESTART } else { ATTEMPTS } {
+        if !is_broken || self.attempts == if self.is_restart { ATTEMPTS_AT_RESTART } else { ATTEMPTS } {
             return Err(error);
         }
-        tokio::time::sleep(FIRST_PAUSE * 2u32.pow(self.made)).await;
-        self.made += 1;
+        tokio::time::sleep(FIRST_PAUSE * 2u32.pow(self.attempts)).await;
+        self.attempts += 1;
         Ok(())
     }
 }

@@ -27,8 +27,7 @@
 //! 6. A pile that bobs gets more substeps (`corrections::bobbing`).
 //! 7. The invariants are checked, in debug builds and tests (`validation`).
 //!
-//! The modules, lowest first. None imports one above it, or calls a method of `World` that one above it defines
-//! (`tests/architecture/` holds that):
+//! What other rooms ask of a world, by the module that answers (lowest first; none imports one above it):
 //!
 //! - `units`, `colliders` (their owners), `manifold` (contact points of convex polyhedra), `settings` of the
 //!   engine

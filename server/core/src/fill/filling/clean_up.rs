@@ -86,7 +86,7 @@ impl Filling<'_> {
             self.removed.sticking_out += out.len();
             out.iter().for_each(|&id| self.world.remove(id));
             let pairs = self.world.overlapping(fill.overlap);
-            let overlapping = self.separate(pairs, 0);
+            let overlapping = self.remove_overlapping(pairs, 0);
             self.removed.overlapping += overlapping;
             let cutting = self.remove_cutting(fill.overlap);
             self.removed.cutting += cutting;
@@ -158,7 +158,7 @@ impl Filling<'_> {
         for coarser in LOCKED {
             let most = fill.overlap.min(coarser * DEEPEST * fill.residual_overlap);
             let pairs = self.world.overlapping(most);
-            let locked = self.separate(pairs, 0);
+            let locked = self.remove_overlapping(pairs, 0);
             self.removed.overlapping += locked;
             if locked > 0 {
                 steps += self.depenetrate(observer)?;
@@ -184,7 +184,7 @@ impl Filling<'_> {
 
     /// Takes out bodies from `first` on until none of these pairs is left: those in most pairs first. Bodies of near
     /// ids are near in space: of those in equally many pairs, bodies from everywhere go. Returns the count.
-    pub fn separate(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
+    pub fn remove_overlapping(&mut self, pairs: Vec<(BodyId, BodyId)>, first: BodyId) -> usize {
         let may_go = |id: BodyId| id >= first && self.world.is_loose(id);
         let mut others = BTreeMap::<BodyId, Vec<BodyId>>::new();
         for (a, b) in pairs.into_iter().flat_map(|(a, b)| [(a, b), (b, a)]) {

@@ -90,11 +90,11 @@ impl Method for Insert {
             filling.remove_escaped();
             let overlapping = filling.world.overlapping(deep).into_iter();
             let (new, old): (Vec<_>, Vec<_>) = overlapping.partition(|&(_, b)| b >= first);
-            filling.separate(new, first);
+            filling.remove_overlapping(new, first);
             let rounds = |pair| squeezed.get(&pair).map_or(1, |rounds| rounds + 1);
             squeezed = old.into_iter().map(|pair| (pair, rounds(pair))).collect();
             let jammed = squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair);
-            filling.separate(jammed.collect(), 0);
+            filling.remove_overlapping(jammed.collect(), 0);
             filling.remove_cutting(PASSES);
             filling.cut_to(pass.limit, first);
             filling.world.validate(pass.limit);
