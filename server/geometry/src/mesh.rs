@@ -82,6 +82,13 @@ pub fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
 }
 
+/// Width of some points along a direction; `-inf` without any.
+pub fn width(points: &[DVec3], along: DVec3) -> f64 {
+    let heights = points.iter().map(|p| p.dot(along));
+    let (lo, hi) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
+    hi - lo
+}
+
 /// Whether two boxes come as near to each other as `reach`, along each axis.
 pub fn boxes_meet(a: (DVec3, DVec3), b: (DVec3, DVec3), reach: DVec3) -> bool {
     a.0.cmple(b.1 + reach).all() && a.1.cmpge(b.0 - reach).all()
