@@ -105,7 +105,7 @@ fn standing(group: &mut Group, full: &Full) {
     });
     let equilibrium = PileEquilibrium::new(world, REAL_CONTACT);
     group.bench_function("global", |b| {
-        b.iter(|| global::analyse(&equilibrium.problem(), Objective::default()).expect("a valid pile").total)
+        b.iter(|| global::analyse(&equilibrium.assembly.problem(), Objective::default()).expect("a valid pile").total)
     });
     group.bench_function("cycle", |b| {
         b.iter_batched_ref(

@@ -16,7 +16,7 @@
 //! either way is said to be open.
 //!
 //! It must never step a world or change one: it asks for contacts, and hands [`cairn_statics`] a problem
-//! ([`pile_equilibrium`] makes it, for the control and the glue, too).
+//! ([`assembly`] makes it, for the control and the glue, too).
 //!
 //! Invariants: engine units inside; a body's place in every answer is its number in the world.
 
@@ -24,6 +24,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 mod apart;
+pub mod assembly;
 mod forecast;
 mod gluing;
 mod horizon;

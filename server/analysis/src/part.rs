@@ -1,6 +1,6 @@
 //! A pile without some of its bodies, as problems of statics.
 
-use super::{Going, PileContacts};
+use super::{Going, PileContacts, assembly};
 use cairn_input::error::Error;
 use cairn_statics::global::{self, BALANCED, GlobalBody, GlobalContact, GlobalProblem, Objective};
 use cairn_statics::glue::{self, GlueError, GlueProblem, GlueSite};
@@ -117,9 +117,7 @@ fn sites(contacts: &[GlobalContact]) -> Vec<GlueSite> {
     let site = |pair: &[GlobalContact]| {
         let contacts = from..from + pair.len();
         from = contacts.end;
-        let center = pair[0].point;
-        let (body, other) = (pair[0].body, pair[0].other);
-        GlueSite { body, other, contacts, center, arm: 1.0, may_glue: false, normal_price: 0.0 }
+        assembly::site(&pair[0], contacts)
     };
     contacts.chunk_by(same).map(site).collect()
 }

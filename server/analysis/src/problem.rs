@@ -1,7 +1,7 @@
 //! The contacts of a pile as one problem of statics.
 
 use super::Touch;
-use crate::pile_equilibrium::contacts;
+use crate::assembly::Assembly;
 use cairn_engine::world::{BodyId, Units, World};
 use cairn_statics::global::{GlobalBody, GlobalContact, GlobalProblem};
 use cairn_statics::local::LocalContact;
@@ -35,25 +35,21 @@ impl PileContacts {
 
     /// The same, where `moves` says which bodies may move.
     pub fn of(world: &World, gap: f64, moves: &dyn Fn(BodyId) -> bool) -> PileContacts {
-        let ids: Vec<BodyId> = world.present().filter(|&id| moves(id)).collect();
-        let body = |&id: &BodyId| {
-            let b = &world.bodies()[id];
-            GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
-        };
-        let index = |id: BodyId| ids.binary_search(&id).ok();
-        let (mut all, mut pairs) = (Vec::new(), Vec::new());
+        let mut assembly = Assembly::new(world, moves);
+        let mut pairs = Vec::new();
         for pair in &world.contact_pairs(gap) {
-            let from = all.len();
-            let points: Vec<GlobalContact> = contacts(pair, &index).into_iter().flatten().collect();
+            let points = assembly.contacts_of(pair);
             let radius = PATCH * world.pair_thickness(pair);
-            match points.len() {
+            let count = points.len();
+            let contacts = match count {
                 0 => continue,
-                few if few < FEW => all.extend(points.iter().flat_map(|contact| patch(contact, radius))),
-                _ => all.extend(&points),
-            }
-            pairs.push((from..all.len(), points.len()));
+                few if few < FEW => assembly.add(points.iter().flat_map(|contact| patch(contact, radius))),
+                _ => assembly.add(points),
+            };
+            pairs.push((contacts, count));
         }
-        PileContacts { bodies: ids.iter().map(body).collect(), ids, contacts: all, pairs, units: world.units }
+        let Assembly { ids, bodies, contacts } = assembly;
+        PileContacts { ids, bodies, contacts, pairs, units: world.units }
     }
 
     /// The contacts of each body, normals into it, without those of bodies that are `gone`. Shape `[body]`.

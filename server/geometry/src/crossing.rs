@@ -6,7 +6,7 @@
 
 use super::ROUNDING;
 use super::interior::bvh::{Bvh, closest_on_triangle};
-use super::mesh::TriMesh;
+use super::mesh::{TriMesh, width};
 use super::topology::DisjointSets;
 use glam::{DAffine3, DVec3};
 use robust::{Coord3D, orient3d};
@@ -224,14 +224,7 @@ impl Region {
 
     /// The width in the narrowest direction found, from the normals of the crossing triangles on, and that direction.
     fn width(&self) -> (f64, DVec3) {
-        let extent = |direction: DVec3| {
-            let (lo, hi) = self
-                .points
-                .iter()
-                .map(|p| p.dot(direction))
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
-            (hi - lo).max(0.0)
-        };
+        let extent = |direction: DVec3| width(&self.points, direction).max(0.0);
         let stride = self.normals.len().div_ceil(MOST_NORMALS).max(1);
         let starts = self.normals.iter().step_by(stride).copied().chain([DVec3::X, DVec3::Y, DVec3::Z]);
         let best = starts.filter(|n| *n != DVec3::ZERO).map(|n| (extent(n), n)).min_by(|a, b| a.0.total_cmp(&b.0));

@@ -214,7 +214,7 @@ fn enclosed_volume(mesh: &TriMesh) -> f64 {
     let total: f64 = triangles().map(area).sum();
     let weighted: DVec3 = triangles().map(|t| (t[0] + t[1] + t[2]) / 3.0 * area(t)).sum();
     let origin = if total > 0.0 { weighted / total } else { mesh.bounds().0 };
-    triangles().map(|t| t.map(|p| p - origin)).map(|[a, b, c]| a.dot(b.cross(c)) / 6.0).sum()
+    mesh.volume_about(origin, 0..mesh.triangles.len())
 }
 
 /// The tree of the triangles with the solid on exactly one side, or `None` when those are all

@@ -33,7 +33,18 @@ pub fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }
 
+/// The edge of a grid's cells: `wanted`, or enlarged by `factor` until there are no more than `most` of them. `counts`:
+/// cells of an edge, along X, Y, Z. Returns those of the edge, too.
+pub fn enlarged_cell(wanted: f64, factor: f64, most: f64, counts: impl Fn(f64) -> DVec3) -> (f64, DVec3) {
+    let mut edge = wanted;
+    while counts(edge).element_product() > most {
+        edge *= factor;
+    }
+    (edge, counts(edge))
+}
+
 pub use closed_mesh::ClosedMesh;
+use glam::DVec3;
 pub use tree::Boxed;
 
 /// Relative error of a few operations in double precision: some thousand roundings.

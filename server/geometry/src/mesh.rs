@@ -58,13 +58,12 @@ impl TriMesh {
 
     /// Volume enclosed, in m^3: negative for a mesh that is inside out, meaningless for an open one.
     pub fn signed_volume(&self) -> f64 {
-        let origin = self.bounds().0;
-        (0..self.triangles.len())
-            .map(|i| {
-                let [a, b, c] = self.corners(i).map(|p| p - origin);
-                a.dot(b.cross(c)) / 6.0
-            })
-            .sum()
+        self.volume_about(self.bounds().0, 0..self.triangles.len())
+    }
+
+    /// Volume between a point and some of the triangles, m^3: positive where the point is behind one.
+    pub fn volume_about(&self, origin: DVec3, triangles: impl Iterator<Item = usize>) -> f64 {
+        triangles.map(|i| tetrahedron_volume(self.corners(i).map(|p| p - origin))).sum()
     }
 
     /// The same mesh, with all triangles reversed if it is inside out as a whole.
@@ -82,6 +81,13 @@ pub fn bounds(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
 }
 
+/// Width of some points along a direction; `-inf` without any.
+pub fn width(points: &[DVec3], along: DVec3) -> f64 {
+    let heights = points.iter().map(|p| p.dot(along));
+    let (lo, hi) = heights.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
+    hi - lo
+}
+
 /// Whether two boxes come as near to each other as `reach`, along each axis.
 pub fn boxes_meet(a: (DVec3, DVec3), b: (DVec3, DVec3), reach: DVec3) -> bool {
     a.0.cmple(b.1 + reach).all() && a.1.cmpge(b.0 - reach).all()
@@ -90,6 +96,11 @@ pub fn boxes_meet(a: (DVec3, DVec3), b: (DVec3, DVec3), reach: DVec3) -> bool {
 /// Whether a box holds another one.
 pub fn box_holds(outer: (DVec3, DVec3), inner: (DVec3, DVec3)) -> bool {
     outer.0.cmple(inner.0).all() && outer.1.cmpge(inner.1).all()
+}
+
+/// Signed volume between the origin and a triangle: positive where the origin is behind it.
+pub fn tetrahedron_volume([a, b, c]: [DVec3; 3]) -> f64 {
+    a.dot(b.cross(c)) / 6.0
 }
 
 /// Signed solid angle of a triangle, seen from `p` (Van Oosterom & Strackee 1983, Eq. 8). Finite everywhere, also on

@@ -4,10 +4,10 @@ use super::check;
 use super::container::net;
 use super::surroundings::placed;
 use cairn_engine::shape::Size;
-use cairn_geometry::RESOLUTION;
 use cairn_geometry::interior::{Bvh, MeshInterior};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::topology::{self, WELD_TOLERANCE};
+use cairn_geometry::{RESOLUTION, enlarged_cell};
 use cairn_input::params::Fill;
 use cairn_input::scene::{Model, Prop, StaticModel};
 use glam::{DVec2, DVec3};
@@ -32,11 +32,8 @@ struct Cells {
 impl Cells {
     fn around((low, high): (DVec3, DVec3), wanted: f64) -> Cells {
         let cells = |edge: f64| ((high - low) / edge).ceil() + 2.0 * MARGIN as f64 + 1.0;
-        let mut edge = wanted;
-        while cells(edge).element_product() > MOST_CELLS {
-            edge *= 1.05;
-        }
-        let size = cells(edge).to_array().map(|n| n as usize);
+        let (edge, cells) = enlarged_cell(wanted, 1.05, MOST_CELLS, cells);
+        let size = cells.to_array().map(|n| n as usize);
         let extent = DVec3::from_array(size.map(|n| (n - 1) as f64)) * edge;
         Cells { origin: (low + high) / 2.0 - extent / 2.0, edge, size }
     }

@@ -110,7 +110,7 @@ impl Attempt {
     pub fn joining(&self, joins: impl Fn(usize) -> bool) -> Vec<usize> {
         let pile = self.sites.problem(DVec3::NEG_Y);
         // The fixed surroundings are one more solid.
-        let still = self.sites.ids.len();
+        let still = self.sites.assembly.ids.len();
         let ends = |site: usize| (pile.sites[site].body, pile.sites[site].other.unwrap_or(still));
         let mut solids = DisjointSets::new(still + 1);
         for site in self.choice.joints().iter().map(|joint| joint.site).chain(self.more.iter().copied()) {

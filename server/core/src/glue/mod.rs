@@ -114,7 +114,7 @@ pub fn run(
     let sites = Sites::new(world, region, anchors, &standing);
     let mut search = Search::new(sites, params, resolved, trials);
     let mut glued = match proves {
-        true if search.sites.ids.is_empty() => Glued::of(natural.as_ref()),
+        true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
         true => search.stable(observer)?,
         false => search.unproven(observer)?,
     };

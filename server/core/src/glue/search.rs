@@ -111,7 +111,7 @@ impl<'p, 'a> Search<'p, 'a> {
         self.iterations += choice.iterations();
         // Where no trial shows that the foot is wide enough, all of it is glued.
         self.anchors_all |= self.anchors && !self.proves && !choice.joints().is_empty();
-        let absent = choice.fallen().iter().map(|&body| self.sites.ids[body]);
+        let absent = choice.fallen().iter().map(|&body| self.sites.assembly.ids[body]);
         let mut attempt = Attempt {
             absent: absent.chain(self.sites.unreachable.iter().copied()).collect(),
             sites: self.sites.clone(),

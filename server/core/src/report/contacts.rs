@@ -112,9 +112,9 @@ pub fn support(world: &World, going: &mut dyn FnMut() -> ControlFlow<()>) -> Res
         Err(_) => return Ok(PileSupport::default()),
     };
     let is_resting = |id: BodyId| world.speed(id) < REST_SPEED;
-    let resting = equilibrium.ids.iter().filter(|&&id| is_resting(id)).count();
+    let ids = &equilibrium.assembly.ids;
+    let resting = ids.iter().filter(|&&id| is_resting(id)).count();
     let unbalanced = |(&id, &e): (&BodyId, &f64)| is_resting(id) && e > UNBALANCED;
-    let bodies: Vec<BodyId> =
-        equilibrium.ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).map(|(&id, _)| id).collect();
+    let bodies: Vec<BodyId> = ids.iter().zip(&missing).filter(|&pair| unbalanced(pair)).map(|(&id, _)| id).collect();
     Ok(PileSupport { unsupported: Some(bodies.len() as f64 / resting.max(1) as f64), bodies, iterations })
 }

@@ -1,7 +1,7 @@
 //! Volume, centre of mass and inertia of a solid bounded by triangles, in f64.
 
 use cairn_geometry::interior::Surplus;
-use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::mesh::{TriMesh, tetrahedron_volume};
 use cairn_geometry::{MOST_ITERATIONS, TOLERANCE};
 use glam::{DMat3, DQuat, DVec3};
 
@@ -61,7 +61,7 @@ fn integrate(mesh: &TriMesh) -> Integrals {
     let (mut volume, mut first, mut second) = (0.0, DVec3::ZERO, DMat3::ZERO);
     for i in 0..mesh.triangles.len() {
         let [a, b, c] = mesh.corners(i).map(|p| p - origin);
-        let v = a.dot(b.cross(c)) / 6.0;
+        let v = tetrahedron_volume([a, b, c]);
         let s = a + b + c;
         volume += v;
         first += v * s / 4.0;

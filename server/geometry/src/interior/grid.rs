@@ -1,6 +1,7 @@
 //! Signed distance on a regular grid: a query in constant time for loops that ask millions of times.
 
 use super::MeshInterior;
+use crate::enlarged_cell;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -30,14 +31,8 @@ impl DistanceGrid {
         let max_nodes = max_nodes.max(1000) as f64;
         let (lo, hi) = region.bounds();
         let extent = hi - lo;
-        let nodes = |h: f64| {
-            let n = (extent / h).ceil() + DVec3::splat(2.0 * MARGIN + 1.0);
-            n.x * n.y * n.z
-        };
-        let mut h = spacing;
-        while nodes(h) > max_nodes {
-            h *= 1.05;
-        }
+        let nodes = |h: f64| (extent / h).ceil() + DVec3::splat(2.0 * MARGIN + 1.0);
+        let (h, _) = enlarged_cell(spacing, 1.05, max_nodes, nodes);
         let cells = (extent / h).ceil();
         let size = [cells.x, cells.y, cells.z].map(|n| (n + 2.0 * MARGIN) as usize + 1);
         let origin = (lo + hi) / 2.0 - (cells / 2.0 + MARGIN) * h;

@@ -1,6 +1,6 @@
 //! The size of a prop: its bounding sphere and its smallest extent, from the points that its triangles use.
 
-use crate::mesh::{TriMesh, bounds};
+use crate::mesh::{TriMesh, bounds, width};
 use crate::{HALVINGS, MOST_ITERATIONS, TOLERANCE};
 use glam::DVec3;
 
@@ -49,13 +49,7 @@ pub fn smallest_extent(mesh: &TriMesh) -> f64 {
     }
     let spread = spread(DIRECTIONS);
     let extremes = extreme_points(&points, &spread);
-    let width = |d: DVec3| {
-        let (lo, hi) = extremes
-            .iter()
-            .map(|p| p.dot(d))
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), h| (lo.min(h), hi.max(h)));
-        hi - lo
-    };
+    let width = |d: DVec3| width(&extremes, d);
     // At most twice as many normals as directions.
     let stride = mesh.triangles.len().div_ceil(2 * DIRECTIONS).max(1);
     let normals = (0..mesh.triangles.len()).step_by(stride).filter_map(|i| {

@@ -8,10 +8,10 @@ use super::Instances;
 use super::extent::{PointCluster, clusters, percentile};
 use super::solid::{PropSize, SolidCells};
 use super::voxels::{CellBlock, Lattice};
-use crate::RESOLUTION;
 use crate::interior::MeshInterior;
 use crate::mesh::TriMesh;
 use crate::pose::Pose;
+use crate::{RESOLUTION, enlarged_cell};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -167,11 +167,8 @@ pub(super) fn placed(body: &(usize, f64, Pose), p: DVec3) -> DVec3 {
 /// allows.
 fn control_grid(region: &MeshInterior, wanted_cell: f64, closing: f64) -> (Lattice, CellBlock) {
     let (lo, hi) = region.bounds();
-    let mut cell = wanted_cell;
     let padded = |cell: f64| ((hi - lo + 2.0 * closing) / cell).ceil() + 4.0;
-    while padded(cell).element_product() > MOST_CELLS as f64 {
-        cell *= 1.02;
-    }
+    let (cell, _) = enlarged_cell(wanted_cell, 1.02, MOST_CELLS as f64, padded);
     let lattice = Lattice { origin: lo, cell };
     let room = (closing / cell).ceil() as i64 + 1;
     let last = ((hi - lo) / cell).ceil().to_array().map(|n| n as i64);

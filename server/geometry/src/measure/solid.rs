@@ -8,7 +8,7 @@ use super::extent::{bounding_sphere, smallest_extent};
 use crate::hull::convex_hull;
 use crate::interior::MeshInterior;
 use crate::mesh::TriMesh;
-use crate::{HOLLOW, SINGLE_PRECISION};
+use crate::{HOLLOW, SINGLE_PRECISION, enlarged_cell};
 use glam::DVec3;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -107,12 +107,9 @@ impl SolidCells {
         let region = &outline.region;
         let (lo, hi) = region.bounds();
         let counts = |edge: f64| ((hi - lo) / edge).ceil().max(DVec3::ONE);
-        let mut edge = wanted;
-        while counts(edge).element_product() > max_cells.max(1) as f64 {
-            edge *= 1.05;
-        }
-        let size = counts(edge).to_array().map(|n| n as usize);
-        let cell = (hi - lo) / counts(edge);
+        let (edge, counts) = enlarged_cell(wanted, 1.05, max_cells.max(1) as f64, counts);
+        let size = counts.to_array().map(|n| n as usize);
+        let cell = (hi - lo) / counts;
         let mut cells = vec![0u8; size.iter().product()];
         let centre_of = |x: usize, row: usize| {
             lo + cell * (DVec3::new(x as f64, (row % size[1]) as f64, (row / size[1]) as f64) + 0.5)

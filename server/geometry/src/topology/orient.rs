@@ -131,13 +131,7 @@ fn parts(mesh: &TriMesh, edges: &Edges) -> Vec<MeshPart> {
     let part = |(faces, (sum, n)): (Vec<usize>, (DVec3, f64))| {
         let (low, high) = bounds(faces.iter().flat_map(|&f| mesh.corners(f)));
         let origin = if n > 0.0 { sum / n } else { low };
-        let volume = faces
-            .iter()
-            .map(|&f| {
-                let [a, b, c] = mesh.corners(f).map(|p| p - origin);
-                a.dot(b.cross(c)) / 6.0
-            })
-            .sum();
+        let volume = mesh.volume_about(origin, faces.iter().copied());
         MeshPart { faces, low, high, closed: n == 0.0, volume }
     };
     faces.into_iter().zip(rims).map(part).collect()

@@ -1,6 +1,7 @@
 //! Clusters of joined bodies, and the loads of their joints.
 
 use super::Joint;
+use cairn_analysis::assembly;
 use cairn_engine::world::{BodyId, Role, World};
 use cairn_geometry::pose::Pose;
 use cairn_statics::global::GlobalBody;
@@ -155,8 +156,8 @@ impl Cluster {
             self.then.translation + self.then.rotation * (now.rotation.inverse() * (point - now.translation))
         };
         let body = |&id: &BodyId| {
-            let b = &world.bodies()[id];
-            GlobalBody { mass: b.mass, center_of_mass: back(world.pose(id).translation), radius: b.radius }
+            let body = assembly::body(world, id);
+            GlobalBody { center_of_mass: back(body.center_of_mass), ..body }
         };
         let index = |id: BodyId| self.members.binary_search(&id).ok();
         let site = |&k: &usize| {

@@ -3,11 +3,11 @@
 
 use super::Joint;
 use crate::control;
-use cairn_analysis::pile_equilibrium;
+use cairn_analysis::assembly::{self, Assembly};
 use cairn_engine::world::{BodyId, ContactPair, PairSide, Role, SOLVED, World};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::interior::DistanceGrid;
-use cairn_statics::global::{GlobalBody, GlobalContact};
+use cairn_statics::global::GlobalContact;
 use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -29,8 +29,8 @@ const WIDEST: f64 = 0.75;
 /// The bodies of a pile and the sites between them. Engine units.
 #[derive(Clone)]
 pub struct Sites {
-    /// The bodies that can be held, ascending.
-    pub ids: Vec<BodyId>,
+    /// The bodies that can be held, and their contacts in the order of the sites.
+    pub assembly: Assembly,
     /// Bodies that no chain of sites joins to the ground, ascending: no glue holds them.
     pub unreachable: Vec<BodyId>,
     /// The two sides of each site: a body, and another body or the fixed surroundings. Shape `[site]`.
@@ -48,8 +48,6 @@ pub struct Sites {
     discounts: Vec<u8>,
     /// Index of the price of each body's normal forces. Shape `[body]`.
     levels: Vec<usize>,
-    bodies: Vec<GlobalBody>,
-    contacts: Vec<GlobalContact>,
     sites: Vec<GlueSite>,
 }
 
@@ -82,24 +80,18 @@ impl Sites {
         if anchors {
             bridge(world, &inside, &mut pairs, &mut joined);
         }
-        let ids: Vec<BodyId> = (0..inside.len()).filter(|&id| joined[id]).collect();
-        let body = |&id: &BodyId| {
-            let b = &world.bodies()[id];
-            GlobalBody { mass: b.mass, center_of_mass: world.pose(id).translation, radius: b.radius }
-        };
+        let assembly = Assembly::new(world, |id| joined[id]);
         let mut sites = Sites {
             unreachable: (0..inside.len()).filter(|&id| inside[id] && !joined[id]).collect(),
-            bodies: ids.iter().map(body).collect(),
-            discounts: vec![0; ids.len()],
-            levels: vec![0; ids.len()],
+            discounts: vec![0; assembly.ids.len()],
+            levels: vec![0; assembly.ids.len()],
             between: Vec::new(),
             normals: Vec::new(),
             patches: Vec::new(),
             gaps: Vec::new(),
             depths: Vec::new(),
-            contacts: Vec::new(),
             sites: Vec::new(),
-            ids,
+            assembly,
         };
         let pinned = |id: BodyId| world.is_present(id) && world.bodies()[id].role == Role::Pinned;
         for (k, pair) in pairs.iter().enumerate() {
@@ -115,16 +107,15 @@ impl Sites {
     /// These bodies moved although friction should have held them: their friction no longer counts. Bodies that moved
     /// even so are held by glue alone: their contacts no longer count. Returns whether that changes anything.
     pub fn discount_friction(&mut self, moved: &BTreeSet<BodyId>) -> bool {
-        let index = |id: &BodyId| self.ids.binary_search(id).ok();
         let before = self.discounts.clone();
-        for body in moved.iter().filter_map(index) {
+        for body in moved.iter().filter_map(|&id| self.assembly.index(id)) {
             self.discounts[body] = (self.discounts[body] + 1).min(2);
         }
         let discounts = &self.discounts;
         let of = |c: &GlobalContact| discounts[c.body].max(c.other.map_or(0, |other| discounts[other]));
-        let mut kept = Vec::with_capacity(self.contacts.len());
+        let mut kept = Vec::with_capacity(self.assembly.contacts.len());
         for site in &mut self.sites {
-            let own = &self.contacts[site.contacts.clone()];
+            let own = &self.assembly.contacts[site.contacts.clone()];
             let begin = kept.len();
             kept.extend(
                 own.iter()
@@ -133,7 +124,7 @@ impl Sites {
             );
             site.contacts = begin..kept.len();
         }
-        self.contacts = kept;
+        self.assembly.contacts = kept;
         self.discounts != before
     }
 
@@ -141,7 +132,7 @@ impl Sites {
     pub fn raise_normal_price(&mut self, which: Option<&BTreeSet<BodyId>>, prices: &[f64]) -> bool {
         let before = self.levels.clone();
         for (body, level) in self.levels.iter_mut().enumerate() {
-            if which.is_none_or(|which| which.contains(&self.ids[body])) {
+            if which.is_none_or(|which| which.contains(&self.assembly.ids[body])) {
                 *level = (*level + 1).min(prices.len() - 1);
             }
         }
@@ -162,7 +153,8 @@ impl Sites {
     }
 
     pub fn problem(&self, gravity: DVec3) -> GlueProblem<'_> {
-        GlueProblem { bodies: &self.bodies, contacts: &self.contacts, sites: &self.sites, gravity }
+        let Assembly { bodies, contacts, .. } = &self.assembly;
+        GlueProblem { bodies, contacts, sites: &self.sites, gravity }
     }
 
     /// The number of contact pairs, and of the placement's pegs and bridges.
@@ -181,8 +173,8 @@ impl Sites {
     pub fn joint(&self, index: usize, force: DVec3, moment: DVec3, least_limit: f64, breaking: f64) -> Joint {
         let site = &self.sites[index];
         let mut joint = Joint {
-            a: self.ids[site.body],
-            b: site.other.map(|other| self.ids[other]),
+            a: self.assembly.ids[site.body],
+            b: site.other.map(|other| self.assembly.ids[other]),
             point: site.center,
             normal: self.normals[index],
             arm: site.arm,
@@ -197,34 +189,25 @@ impl Sites {
     }
 
     fn add(&mut self, pair: &ContactPair, depth: f64, carries: bool, bridges: bool, anchors: bool) {
-        let index = |id: BodyId| self.ids.binary_search(&id).ok();
-        let Some(mut contacts) = pile_equilibrium::contacts(pair, &index).map(|all| all.collect::<Vec<_>>()) else {
-            return;
-        };
-        let Some(&GlobalContact { body, other, .. }) = contacts.first() else { return };
+        let contacts = self.assembly.contacts_of(pair);
+        let Some(first) = contacts.first().copied() else { return };
+        let GlobalContact { body, other, .. } = first;
         let count = contacts.len() as f64;
         let center = contacts.iter().map(|c| c.point).sum::<DVec3>() / count;
         let normal = contacts.iter().map(|c| c.normal).sum::<DVec3>().normalize_or(DVec3::Y);
-        let ends = if self.ids[body] == pair.a { (pair.a, pair.b) } else { (self.ids[body], PairSide::Body(pair.a)) };
+        let id = self.assembly.ids[body];
+        let ends = if id == pair.a { (id, pair.b) } else { (id, PairSide::Body(pair.a)) };
         let far = contacts.iter().map(|c| c.point.distance(center)).sum::<f64>() / count;
         self.patches.push(carries.then_some((pair.friction, far)));
         self.gaps.push(if bridges { narrowest(pair) } else { 0.0 });
         self.depths.push(depth);
-        contacts = few(contacts);
-        if !carries {
-            contacts.clear();
-        }
-        let radius = |body: usize| self.bodies[body].radius;
-        let begin = self.contacts.len();
-        self.contacts.append(&mut contacts);
+        let contacts = self.assembly.add(if carries { few(contacts) } else { Vec::new() });
+        let radius = |body: usize| self.assembly.bodies[body].radius;
         self.sites.push(GlueSite {
-            body,
-            other,
-            contacts: begin..self.contacts.len(),
             center,
             arm: ARM * other.map_or(f64::INFINITY, radius).min(radius(body)),
             may_glue: other.is_some() || anchors,
-            normal_price: 0.0,
+            ..assembly::site(&first, contacts)
         });
         self.between.push(ends);
         self.normals.push(normal);
