@@ -81,6 +81,8 @@ use glue::Glued;
 use rayon::prelude::*;
 use report::bake::{Bake, BakedBody, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
+use report::inputs::{PhysicsAlone, ReportInputs};
+use report::make;
 use separate::Separation;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -412,7 +414,7 @@ impl Released<'_> {
         let full = self.full;
         let mut clock = self.clock;
         clock.skip(observer);
-        let inputs = report::inputs::ReportInputs {
+        let inputs = ReportInputs {
             scene: self.scene,
             params: self.params,
             plan: &self.plan,
@@ -428,7 +430,10 @@ impl Released<'_> {
             entrance: self.entrance.as_ref().map(|(entrance, _)| entrance),
             ground: full.checked.ground,
         };
-        let mut report = report::make::report(&inputs, &mut self.sim, clock, observer)?;
+        let sim = &mut self.sim;
+        let measured = make::measure(&inputs, sim, observer)?;
+        let alone = physics_alone(&inputs, sim, observer)?;
+        let mut report = make::report(&inputs, sim, measured, alone, clock, observer);
         (report.removals, report.collapse) = (self.removed, self.collapsed);
         if full.is_cached {
             report.recall_fill();
@@ -440,6 +445,25 @@ impl Released<'_> {
         };
         Ok(Bake { pile, report })
     }
+}
+
+/// Lets physics alone move the finished pile, and pours its props, where the report has figures of that.
+fn physics_alone(
+    inputs: &ReportInputs,
+    sim: &mut Simulation,
+    observer: &mut dyn Observer,
+) -> Result<PhysicsAlone, Error> {
+    let mut alone = PhysicsAlone::default();
+    if inputs.resolved.is_on(EffectName::FreeStanding) {
+        let begin = observer.cpu_seconds();
+        let freed = free_standing::run(&mut sim.pile, observer)?;
+        alone = PhysicsAlone { figures: freed.figures, steps: freed.steps, seconds: observer.cpu_seconds() - begin };
+    }
+    if inputs.resolved.is_on(EffectName::FreePour) {
+        let fraction = free_pour::of_props(&inputs.scene.props, inputs.shapes, inputs.params, observer)?;
+        alone.figures.insert("free_pour_fraction", fraction);
+    }
+    Ok(alone)
 }
 
 fn summaries(shapes: &[Shape]) -> Vec<ShapeSummary> {
