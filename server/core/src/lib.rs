@@ -90,10 +90,15 @@ use turn_over::TurnOverInputs;
 
 /// Checks the scene and summarizes the bake without simulating it.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
+    plan_checked(scene, params).map(|(plan, _)| plan)
+}
+
+/// As [`plan`], with the checked scene: a bake goes on from it by [`fill_checked`].
+pub fn plan_checked(scene: &Scene, params: &Params) -> Result<(Plan, CheckedScene), Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let summaries = shape::summaries(scene, params, &checked.sizes)?;
     let resolved = Resolved::new(scene, params, &checked, &summaries);
-    Ok(plan::of(scene, params, &checked, &resolved))
+    Ok((plan::of(scene, params, &checked, &resolved), checked))
 }
 
 /// The numbers that decide the cost of a bake. Makes the collision shapes, and simulates nothing.
@@ -211,7 +216,18 @@ pub fn fill_container(
     cache: &mut dyn FillCache,
     observer: &mut dyn Observer,
 ) -> Result<FullContainer, Error> {
-    let mut checked = check::run(scene, params).map_err(Error::Invalid)?;
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    fill_checked(scene, params, checked, cache, observer)
+}
+
+/// As [`fill_container`], of a scene that was checked with these parameters.
+pub fn fill_checked(
+    scene: &Scene,
+    params: &Params,
+    mut checked: CheckedScene,
+    cache: &mut dyn FillCache,
+    observer: &mut dyn Observer,
+) -> Result<FullContainer, Error> {
     // The container has them from here on.
     let surroundings = checked.surroundings.take();
     let of_piles: Vec<_> = checked.piles.iter_mut().map(|pile| pile.surroundings.take()).collect();
