@@ -81,6 +81,8 @@ use glue::Glued;
 use rayon::prelude::*;
 use report::bake::{Bake, BakedBody, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
+use report::inputs::{PhysicsAlone, ReportInputs};
+use report::make;
 use separate::Separation;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -88,10 +90,15 @@ use turn_over::TurnOverInputs;
 
 /// Checks the scene and summarizes the bake without simulating it.
 pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
+    plan_checked(scene, params).map(|(plan, _)| plan)
+}
+
+/// As [`plan`], with the checked scene: a bake goes on from it by [`fill_checked`].
+pub fn plan_checked(scene: &Scene, params: &Params) -> Result<(Plan, CheckedScene), Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let summaries = shape::summaries(scene, params, &checked.sizes)?;
     let resolved = Resolved::new(scene, params, &checked, &summaries);
-    Ok(plan::of(scene, params, &checked, &resolved))
+    Ok((plan::of(scene, params, &checked, &resolved), checked))
 }
 
 /// The numbers that decide the cost of a bake. Makes the collision shapes, and simulates nothing.
@@ -209,7 +216,18 @@ pub fn fill_container(
     cache: &mut dyn FillCache,
     observer: &mut dyn Observer,
 ) -> Result<FullContainer, Error> {
-    let mut checked = check::run(scene, params).map_err(Error::Invalid)?;
+    let checked = check::run(scene, params).map_err(Error::Invalid)?;
+    fill_checked(scene, params, checked, cache, observer)
+}
+
+/// As [`fill_container`], of a scene that was checked with these parameters.
+pub fn fill_checked(
+    scene: &Scene,
+    params: &Params,
+    mut checked: CheckedScene,
+    cache: &mut dyn FillCache,
+    observer: &mut dyn Observer,
+) -> Result<FullContainer, Error> {
     // The container has them from here on.
     let surroundings = checked.surroundings.take();
     let of_piles: Vec<_> = checked.piles.iter_mut().map(|pile| pile.surroundings.take()).collect();
@@ -412,7 +430,7 @@ impl Released<'_> {
         let full = self.full;
         let mut clock = self.clock;
         clock.skip(observer);
-        let inputs = report::inputs::ReportInputs {
+        let inputs = ReportInputs {
             scene: self.scene,
             params: self.params,
             plan: &self.plan,
@@ -428,7 +446,10 @@ impl Released<'_> {
             entrance: self.entrance.as_ref().map(|(entrance, _)| entrance),
             ground: full.checked.ground,
         };
-        let mut report = report::make::report(&inputs, &mut self.sim, clock, observer)?;
+        let sim = &mut self.sim;
+        let measured = make::measure(&inputs, sim, observer)?;
+        let alone = physics_alone(&inputs, sim, observer)?;
+        let mut report = make::report(&inputs, sim, measured, alone, clock, observer);
         (report.removals, report.collapse) = (self.removed, self.collapsed);
         if full.is_cached {
             report.recall_fill();
@@ -440,6 +461,25 @@ impl Released<'_> {
         };
         Ok(Bake { pile, report })
     }
+}
+
+/// Lets physics alone move the finished pile, and pours its props, where the report has figures of that.
+fn physics_alone(
+    inputs: &ReportInputs,
+    sim: &mut Simulation,
+    observer: &mut dyn Observer,
+) -> Result<PhysicsAlone, Error> {
+    let mut alone = PhysicsAlone::default();
+    if inputs.resolved.is_on(EffectName::FreeStanding) {
+        let begin = observer.cpu_seconds();
+        let freed = free_standing::run(&mut sim.pile, observer)?;
+        alone = PhysicsAlone { figures: freed.figures, steps: freed.steps, seconds: observer.cpu_seconds() - begin };
+    }
+    if inputs.resolved.is_on(EffectName::FreePour) {
+        let fraction = free_pour::of_props(&inputs.scene.props, inputs.shapes, inputs.params, observer)?;
+        alone.figures.insert("free_pour_fraction", fraction);
+    }
+    Ok(alone)
 }
 
 fn summaries(shapes: &[Shape]) -> Vec<ShapeSummary> {

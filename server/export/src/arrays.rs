@@ -2,10 +2,8 @@
 //!
 //! Each array is a file `.npy` of version 1.0: a header of text, and the numbers in C order, low bytes first.
 
-use std::io::{Cursor, Write};
-use zip::result::ZipResult;
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipWriter};
+use crate::archive;
+use zip::CompressionMethod;
 
 /// A kind of number.
 pub trait Element: Copy {
@@ -70,13 +68,8 @@ impl Arrays {
     }
 
     /// The archive; the same bytes everywhere.
-    pub fn finish(self) -> ZipResult<Vec<u8>> {
-        let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-        let compressed = SimpleFileOptions::default().compression_method(CompressionMethod::Deflated);
-        for (name, bytes) in &self.files {
-            archive.start_file(name, compressed)?;
-            archive.write_all(bytes)?;
-        }
-        Ok(archive.finish()?.into_inner())
+    pub fn finish(self) -> std::io::Result<Vec<u8>> {
+        let files = self.files.iter().map(|(name, bytes)| (name.as_str(), bytes.as_slice()));
+        archive::zip(CompressionMethod::Deflated, files)
     }
 }

@@ -12,6 +12,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod analysis;
+mod archive;
 pub mod arrays;
 mod convex_cover;
 mod copy;

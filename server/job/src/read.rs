@@ -1,24 +1,25 @@
 //! Reads a scene's files, and gathers all problems of scene and files.
 
+mod models;
+
 use super::machine::Meter;
-use super::sources::{self, InputFile, PortableNames, Reference};
-use super::{Job, Refused, goal};
-use cairn_export::resting;
-use cairn_export::{Layout, PartChoice};
+use super::sources::{self, PortableNames, Reference};
+use super::{Job, Refused, goal, idle};
+use cairn_export::Layout;
 use cairn_files::problem::Problem;
 use cairn_files::{Disk, FileSource};
 use cairn_geometry::mesh::TriMesh;
-use cairn_input::asset::{self, Limits, Source};
+use cairn_input::asset::Limits;
 use cairn_input::params::{Accuracy, Params};
 use cairn_input::scene::{EmitterVolume, Keyframe, Model, PileShape, Prop, Scene, StaticModel, UprightRule};
 use cairn_prepare::dense::{self, DenseProp};
+use cairn_prepare::estimate::Goal;
 use cairn_wire::effective;
 use cairn_wire::from_proto::{self, extra_bodies::ExtraBodies};
 use cairn_wire::proto;
 use cairn_wire::scene_file::SceneTree;
 use glam::DVec3;
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use models::SceneReader;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -34,113 +35,25 @@ impl Job {
     }
 
     /// Reads the files from `source`.
-    pub fn read_with(scene: &proto::Scene, source: Arc<dyn FileSource>, limits: Limits) -> Result<Job, Refused> {
+    pub fn read_with(given: &proto::Scene, source: Arc<dyn FileSource>, limits: Limits) -> Result<Job, Refused> {
         let (began, meter) = (Instant::now(), Meter::start());
-        let mut reader = SceneReader::new(source, limits, sources::usd_parts(scene));
-        let (mut params, problems) = from_proto::params_and_problems(scene);
-        reader.problems.extend(problems);
-        let (goal, problems) = from_proto::goal(scene);
-        reader.problems.extend(problems);
-        let mut effective = effective::effective(scene, &params);
-        let layout = match scene.usd.as_ref().map(Layout::new) {
-            Some(Err(problems)) => {
-                reader.problems.extend(problems);
-                Layout::default()
-            }
-            Some(Ok(layout)) => layout,
-            None => Layout::default(),
-        };
-        let control = scene.control_mesh.as_ref().map(|control| reader.model("control_mesh", &control.path).1);
-        let has_container = scene.fill.as_ref().is_some_and(|fill| fill.into.is_some());
-        let has_piles = !scene.piles.is_empty();
-        if has_piles && (control.is_some() || has_container) {
-            let what = "there is another shape, too";
-            let problem =
-                Problem::new("piles", what, "Leave piles, control_mesh or fill.into out, but for one of them.");
-            reader.problems.push(problem.of_field("piles"));
-        }
-        if control.is_none() && !has_container && !has_piles && scene.bodies.is_empty() && scene.emitters.is_empty() {
-            let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
-            let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
-            reader.problems.push(problem.of_field("control_mesh"));
-        }
-        let region = scene.region.as_ref().map(|region| reader.model("region", &region.path).1);
-        if scene.props.is_empty() {
-            let remedy = "Give one or more by --prop, or as props in the scene file.";
-            reader.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
-        }
-        let read: Vec<_> = effective.props.iter().enumerate().map(|(i, prop)| reader.prop(i, prop)).collect();
-        let (props, prop_models): (Vec<Reference>, Vec<Prop>) = read.into_iter().unzip();
-        let mut extra = ExtraBodies::new(&effective, params.output.fps);
-        let statics = effective.statics.iter().enumerate();
-        let read: Vec<_> = statics.map(|(i, model)| reader.scenery(i, model, extra.keys(i, model))).collect();
-        let (statics, static_models): (Vec<Reference>, Vec<StaticModel>) = read.into_iter().unzip();
-        let piles = effective.piles.iter().enumerate().map(|(i, pile)| {
-            let (props, seed) = extra.pile(i, pile);
-            PileShape { control: reader.model(&format!("piles.{i}"), &pile.path).1, props, seed }
-        });
-        let piles: Vec<PileShape> = piles.collect();
-        let around = effective.around.iter().enumerate().map(|(i, result)| reader.earlier(i, result));
-        let around: Vec<StaticModel> = around.collect();
-        let bodies = effective.bodies.iter().enumerate().map(|(i, body)| extra.body(i, body)).collect();
-        let emitter = |(i, emitter): (usize, &proto::Emitter)| {
-            let place = |mesh: &String| EmitterVolume::Mesh(reader.model(&format!("emitters.{i}.mesh"), mesh).1);
-            let mesh = emitter.mesh.as_ref().map(place);
-            extra.emitter(i, emitter, mesh)
-        };
-        let emitters = effective.emitters.iter().enumerate().map(emitter).collect();
-        let removals = effective.remove.iter().enumerate().map(|(i, removal)| extra.removal(i, removal)).collect();
-        let collapse = effective.collapse.as_ref().map(|collapse| extra.collapse(collapse));
-        reader.problems.append(&mut extra.problems);
-        let ladder = Accuracy::LADDER.iter().map(|&accuracy| {
-            let accuracy = proto::Accuracy::from(accuracy).into();
-            from_proto::params_and_problems(&proto::Scene { accuracy, ..scene.clone() }).0
-        });
-        let ladder: Vec<Params> = ladder.collect();
-        let control = match effective.fill.as_ref().and_then(|fill| fill.into.as_ref()) {
-            Some(name) => reader.inside(name, control, &effective.statics, &static_models, (&prop_models, &params)),
-            None => control.or_else(|| together(&piles)),
-        };
-        let given = scene;
-        // Earlier results come behind the scenery that the new one shows.
-        let statics_and_around = static_models.into_iter().chain(around).collect();
-        let mut scene = Scene {
-            control,
-            piles,
-            region,
-            props: prop_models,
-            statics: statics_and_around,
-            bodies,
-            emitters,
-            removals,
-            collapse,
-        };
-        reader.notes.extend(super::idle::notes(given, &effective, &params, scene.is_filled(&params)));
+        let mut reader = SceneReader::new(source, limits, sources::usd_parts(given));
+        let mut settings = Settings::read(given, &mut reader.problems);
+        let ladder = ladder(given);
+        let ReadScene { mut scene, props, statics } = reader.scene(given, &settings);
+        let Settings { params, effective, .. } = &settings;
+        reader.notes.extend(idle::notes(given, effective, params, scene.is_filled(params)));
         if !reader.problems.is_empty() {
-            reader.check_values(&scene, &params);
+            reader.check_values(&scene, params);
             return Err(Refused { problems: reader.problems, notes: reader.notes });
         }
-        let mut chosen = None;
-        if let (proto::Accuracy::Auto, Some(goal)) = (given.accuracy(), goal) {
-            match goal::choose(&scene, &params, &ladder, goal) {
-                Ok(found) => {
-                    params = ladder[found.index].clone();
-                    effective = effective::effective(given, &params);
-                    chosen = Some(found);
-                }
-                Err(problems) => return Err(Refused { problems, notes: reader.notes }),
-            }
-        }
-        reader.notes.extend(dense::run(&mut scene, &params.physics).into_iter().map(|prop| {
-            let DenseProp { index, triangles, left, deviation } = prop;
-            let name = &scene.props[index].model.name;
-            let off = deviation * 1e3;
-            format!(
-                "{name}: of its {triangles} triangles, {left} stand for all in what is computed, at most {off:.2} mm \
-                 off (`physics.shape_gap`); the result shows them all"
-            )
-        }));
         let SceneReader { source, files, mut notes, .. } = reader;
+        let chosen = match settings.choose_accuracy(given, &scene, &ladder) {
+            Ok(chosen) => chosen,
+            Err(problems) => return Err(Refused { problems, notes }),
+        };
+        let Settings { params, goal, effective, layout } = settings;
+        notes.extend(simplify_dense_props(&mut scene, &params));
         let shown: Vec<&Reference> = props.iter().chain(&statics).collect();
         let model_bytes = match super::rehearse(&shown, &files, params.output.instancing, &*source) {
             Ok(rehearsal) => {
@@ -171,29 +84,132 @@ impl Job {
     }
 }
 
-/// Reads models and gathers their problems. An empty model stands in for one that cannot be read; the problem then
-/// prevents the job.
-struct SceneReader {
-    source: Arc<dyn FileSource>,
-    /// Of each file.
-    limits: Limits,
-    files: BTreeMap<PathBuf, InputFile>,
-    /// Unreadable files: reported once each, even if several models name them.
-    missing: BTreeSet<PathBuf>,
-    /// Of files of USD, what models mean.
-    usd_parts: BTreeMap<PathBuf, BTreeSet<PartChoice>>,
-    notes: Vec<String>,
-    problems: Vec<Problem>,
+/// What a scene says besides its models.
+struct Settings {
+    params: Params,
+    goal: Option<Goal>,
+    /// The scene with all defaults filled in.
+    effective: proto::Scene,
+    layout: Layout,
+}
+
+impl Settings {
+    fn read(given: &proto::Scene, problems: &mut Vec<Problem>) -> Settings {
+        let (params, of_params) = from_proto::params_and_problems(given);
+        let (goal, of_goal) = from_proto::goal(given);
+        let layout = given.usd.as_ref().map_or(Ok(Layout::default()), Layout::new);
+        problems.extend(of_params.into_iter().chain(of_goal));
+        let layout = layout.unwrap_or_else(|of_layout| {
+            problems.extend(of_layout);
+            Layout::default()
+        });
+        let effective = effective::effective(given, &params);
+        Settings { params, goal, effective, layout }
+    }
+
+    /// Puts the preset that the goal calls for in the place of the accuracy `auto`.
+    fn choose_accuracy(
+        &mut self,
+        given: &proto::Scene,
+        scene: &Scene,
+        ladder: &[Params],
+    ) -> Result<Option<goal::Chosen>, Vec<Problem>> {
+        let (proto::Accuracy::Auto, Some(goal)) = (given.accuracy(), self.goal) else { return Ok(None) };
+        let chosen = goal::choose(scene, &self.params, ladder, goal)?;
+        self.params = ladder[chosen.index].clone();
+        self.effective = effective::effective(given, &self.params);
+        Ok(Some(chosen))
+    }
+}
+
+/// The parameters at each accuracy, fastest first.
+fn ladder(given: &proto::Scene) -> Vec<Params> {
+    let params = |&accuracy: &Accuracy| {
+        let accuracy = proto::Accuracy::from(accuracy).into();
+        from_proto::params_and_problems(&proto::Scene { accuracy, ..given.clone() }).0
+    };
+    Accuracy::LADDER.iter().map(params).collect()
+}
+
+/// Gives props of too many triangles simpler meshes, and says so.
+fn simplify_dense_props(scene: &mut Scene, params: &Params) -> Vec<String> {
+    let dense = dense::run(scene, &params.physics);
+    let said = dense.into_iter().map(|DenseProp { index, triangles, left, deviation }| {
+        let name = &scene.props[index].model.name;
+        let off = deviation * 1e3;
+        format!(
+            "{name}: of its {triangles} triangles, {left} stand for all in what is computed, at most {off:.2} mm off \
+             (`physics.shape_gap`); the result shows them all"
+        )
+    });
+    said.collect()
+}
+
+/// A scene with its models, and where the models are that its result shows.
+struct ReadScene {
+    scene: Scene,
+    props: Vec<Reference>,
+    statics: Vec<Reference>,
 }
 
 impl SceneReader {
-    fn new(
-        source: Arc<dyn FileSource>,
-        limits: Limits,
-        usd_parts: BTreeMap<PathBuf, BTreeSet<PartChoice>>,
-    ) -> SceneReader {
-        let (files, missing) = Default::default();
-        SceneReader { source, limits, files, missing, usd_parts, notes: Vec::new(), problems: Vec::new() }
+    /// Reads all models of a scene.
+    fn scene(&mut self, given: &proto::Scene, Settings { params, effective, .. }: &Settings) -> ReadScene {
+        let control = given.control_mesh.as_ref().map(|control| self.model("control_mesh", &control.path).1);
+        self.check_shapes(given);
+        let region = given.region.as_ref().map(|region| self.model("region", &region.path).1);
+        if given.props.is_empty() {
+            let remedy = "Give one or more by --prop, or as props in the scene file.";
+            self.problems.push(Problem::new("props", "there are no props", remedy).of_field("props"));
+        }
+        let props = effective.props.iter().enumerate().map(|(i, prop)| self.prop(i, prop));
+        let (shown_props, props): (Vec<Reference>, Vec<Prop>) = props.unzip();
+        let mut extra = ExtraBodies::new(effective, params.output.fps);
+        let statics = effective.statics.iter().enumerate();
+        let statics = statics.map(|(i, model)| self.scenery(i, model, extra.keys(i, model)));
+        let (shown_statics, mut statics): (Vec<Reference>, Vec<StaticModel>) = statics.unzip();
+        let piles = effective.piles.iter().enumerate().map(|(i, pile)| {
+            let (props, seed) = extra.pile(i, pile);
+            PileShape { control: self.model(&format!("piles.{i}"), &pile.path).1, props, seed }
+        });
+        let piles: Vec<PileShape> = piles.collect();
+        let around = effective.around.iter().enumerate().map(|(i, result)| self.earlier(i, result));
+        let around: Vec<StaticModel> = around.collect();
+        let bodies = effective.bodies.iter().enumerate().map(|(i, body)| extra.body(i, body)).collect();
+        let emitters = effective.emitters.iter().enumerate().map(|(i, emitter)| {
+            let place = |mesh: &String| EmitterVolume::Mesh(self.model(&format!("emitters.{i}.mesh"), mesh).1);
+            let mesh = emitter.mesh.as_ref().map(place);
+            extra.emitter(i, emitter, mesh)
+        });
+        let emitters = emitters.collect();
+        let removals = effective.remove.iter().enumerate().map(|(i, removal)| extra.removal(i, removal)).collect();
+        let collapse = effective.collapse.as_ref().map(|collapse| extra.collapse(collapse));
+        self.problems.append(&mut extra.problems);
+        let control = match effective.fill.as_ref().and_then(|fill| fill.into.as_ref()) {
+            Some(name) => self.inside(name, control, &effective.statics, &statics, (&props, params)),
+            None => control.or_else(|| together(&piles)),
+        };
+        // Earlier results come behind the scenery that the new one shows.
+        statics.extend(around);
+        let scene = Scene { control, piles, region, props, statics, bodies, emitters, removals, collapse };
+        ReadScene { scene, props: shown_props, statics: shown_statics }
+    }
+
+    /// A scene has one kind of shape to fill, or bodies without one.
+    fn check_shapes(&mut self, given: &proto::Scene) {
+        let has_shape = given.control_mesh.is_some() || given.fill.as_ref().is_some_and(|fill| fill.into.is_some());
+        let has_piles = !given.piles.is_empty();
+        if has_piles && has_shape {
+            let what = "there is another shape, too";
+            let problem =
+                Problem::new("piles", what, "Leave piles, control_mesh or fill.into out, but for one of them.");
+            self.problems.push(problem.of_field("piles"));
+        }
+        if !has_shape && !has_piles && given.bodies.is_empty() && given.emitters.is_empty() {
+            let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
+            let problem = Problem::new("control_mesh", "there is no control mesh", remedy);
+            self.problems.push(problem.of_field("control_mesh"));
+        }
     }
 
     /// Adds the core's problems with values. Its problems with models are left out, since unreadable models cause them.
@@ -204,81 +220,6 @@ impl SceneReader {
                 || ["control_mesh", "region", "props"].contains(&&*problem.field);
             if !is_model && !self.problems.iter().any(|known| known.field == problem.field) {
                 self.problems.push(problem.into());
-            }
-        }
-    }
-
-    /// A model where its file places it.
-    fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
-        let reference = Reference::new(path);
-        let (mut mesh, is_skinned, origin) = self.mesh(field, &reference, false).unwrap_or_default();
-        if origin != DVec3::ZERO {
-            mesh.points.iter_mut().for_each(|point| *point += origin);
-        }
-        let name = reference.name.clone();
-        (reference, Model { name, mesh, is_skinned })
-    }
-
-    /// A model in a frame of its own.
-    fn model_of(&mut self, field: &str, reference: Reference) -> (Reference, Model) {
-        let (mesh, is_skinned, _) = self.mesh(field, &reference, false).unwrap_or_default();
-        let name = reference.name.clone();
-        (reference, Model { name, mesh, is_skinned })
-    }
-
-    /// The mesh of a model, whether it has a skin, and where the origin of its frame is. `of_result`: of the bodies of
-    /// an earlier result, as they lie in the end.
-    fn mesh(&mut self, field: &str, reference: &Reference, of_result: bool) -> Option<(TriMesh, bool, DVec3)> {
-        if reference.file.as_os_str().is_empty() {
-            let field = format!("{field}.path");
-            let problem = Problem::new(&field, "it is empty", "Name a .glb, .gltf or USD file.");
-            self.problems.push(problem.of_field(&field));
-            return None;
-        }
-        if self.missing.contains(&reference.file) {
-            return None;
-        }
-        if !self.files.contains_key(&reference.file) {
-            let parts = self.usd_parts.get(&reference.file);
-            match InputFile::read_parts(&reference.file, &self.source, parts) {
-                Ok(file) => {
-                    self.notes.extend(file.notes().iter().map(|note| format!("{}: {note}", file.name)));
-                    self.files.insert(reference.file.clone(), file);
-                }
-                Err(mut problem) => {
-                    problem.what = format!("{} ({field})", problem.what);
-                    self.problems.push(problem.of_field(&format!("{field}.path")));
-                    self.missing.insert(reference.file.clone());
-                    return None;
-                }
-            }
-        }
-        let file = &self.files[&reference.file];
-        let source = Source {
-            name: &file.name,
-            bytes: file.gltf(),
-            node: if of_result { Some(resting::PILE) } else { file.node(reference) },
-            resolve: &*file.resolve,
-            limits: self.limits,
-        };
-        let at_rest = match of_result.then(|| resting::run(file.gltf())).transpose() {
-            Ok(bytes) => bytes,
-            Err(error) => {
-                let remedy = "Name a result that `cairn bake` wrote.";
-                self.problems.push(Problem::new(&reference.name, error.to_string(), remedy).of_field(field));
-                return None;
-            }
-        };
-        let source = Source { bytes: at_rest.as_deref().unwrap_or(file.gltf()), ..source };
-        match asset::read(&source) {
-            Ok(asset) => {
-                self.notes.extend(asset.notes.into_iter().map(|note| format!("{}: {note}", reference.name)));
-                Some((asset.mesh, asset.is_skinned, asset.origin))
-            }
-            Err(problems) => {
-                let field = format!("{field}.path");
-                self.problems.extend(problems.into_iter().map(|problem| Problem::from(problem).of_field(&field)));
-                None
             }
         }
     }

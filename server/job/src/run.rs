@@ -9,6 +9,7 @@ use cairn_core::report::bake::{Bake, BakedPile};
 use cairn_export::{Encoded, ExportError, Format, Measures};
 use cairn_files::failpoints;
 use cairn_input::observer::Observer;
+use cairn_prepare::check::CheckedScene;
 use cairn_wire::scene_file::SceneTree;
 use std::ops::ControlFlow;
 
@@ -46,7 +47,7 @@ impl Job {
         cache: &mut BakeCache,
         observer: &mut dyn Observer,
     ) -> Result<FinishedBake, JobError> {
-        self.run_and_deliver(format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
+        self.run_and_deliver(None, format, output, cache, observer, &mut |_| ControlFlow::Continue(()))
     }
 
     /// The result of a finished bake in a format.
@@ -56,9 +57,11 @@ impl Job {
     }
 
     /// Like [`Job::run`]. `deliver` gets the result as soon as it exists: before the measures, unless the format holds
-    /// them. After its `Break` the job is cancelled, but the cache keeps the bake.
+    /// them. After its `Break` the job is cancelled, but the cache keeps the bake. `checked`: the scene as its plan has
+    /// checked it, if there was one.
     pub fn run_and_deliver(
         &self,
+        checked: Option<CheckedScene>,
         format: Format,
         output: &str,
         cache: &mut BakeCache,
@@ -89,7 +92,10 @@ impl Job {
                 (bake, files)
             }
             None => {
-                let full = cairn_core::fill_container(scene, params, cache, observer)?;
+                let full = match checked {
+                    Some(checked) => cairn_core::fill_checked(scene, params, checked, cache, observer)?,
+                    None => cairn_core::fill_container(scene, params, cache, observer)?,
+                };
                 let released = cairn_core::release_pile(scene, params, &full, observer)?;
                 // A fault in the measures must not cost the finished result.
                 let early = (!format.holds_measures()).then(|| delivered(&released.pile(), None));

@@ -119,8 +119,8 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<Outcome, Failur
         print_note(&chosen.to_string());
     }
     check_outputs(args, job.inputs())?;
-    let plan = cairn_core::plan(&job.scene, &job.params);
-    let plan = plan.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
+    let planned = cairn_core::plan_checked(&job.scene, &job.params);
+    let (plan, checked) = planned.map_err(|error| Failure::from(error).with_notes(&job.notes))?;
     output::check_room(&args.output, job.most_bytes(&plan, format))?;
 
     let mut reporter = Reporter::new(mode);
@@ -133,7 +133,7 @@ fn bake(args: &Args, tree: &SceneTree, format: Format) -> Result<Outcome, Failur
         next
     };
     let name = args.output.display().to_string();
-    let done = job.run_and_deliver(format, &name, &mut args.cache.open(), &mut reporter, &mut write);
+    let done = job.run_and_deliver(Some(checked), format, &name, &mut args.cache.open(), &mut reporter, &mut write);
     reporter.finish(done.is_ok());
     let is_kept = || args.cache.open().bake(&job.scene, &job.params).is_some();
     let is_written = written.transpose().map_err(|failure: Failure| match failure {

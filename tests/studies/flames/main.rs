@@ -35,7 +35,7 @@ const LEAST: f64 = 0.5;
 const WIDTH: usize = 1200;
 
 /// A stage of a bake, and the function that a sample of it is in. Of two that a sample is in, the first counts.
-const STAGES: [(&str, &str); 9] = [
+const STAGES: [(&str, &str); 11] = [
     ("shapes", "shape::run"),
     ("walls", "container::new"),
     ("fill", "fill::run"),
@@ -43,6 +43,8 @@ const STAGES: [(&str, &str); 9] = [
     ("control", "control::cycle"),
     ("release", "release::run"),
     ("hold", "hold::run"),
+    ("figures", "make::measure"),
+    ("figures", "physics_alone"),
     ("figures", "make::report"),
     ("other", ""),
 ];

@@ -67,23 +67,21 @@ impl<'p, 'a> Search<'p, 'a> {
             if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
                 best = Some(attempt);
             }
-            match next {
-                Next::None => break,
-                _ if is_last => break,
-                Next::Other => {}
-                // Its trial runs to the end.
-                Next::Same => is_last = true,
+            if is_last || next == Next::End {
+                break;
             }
+            is_last = next == Next::Last;
         }
         let mut best = best.ok_or_else(|| Error::Internal("no joints were placed".into()))?;
         self.trials.end = 1.0;
         if self.bound.is_none() && !best.is_welded {
             self.weld(&mut best, observer)?;
         }
-        if best.stands()
-            && let Some(failed) = self.confirm(&mut best, observer)?
-        {
-            best.stood(failed);
+        if best.stands() {
+            let own = self.try_own_engine(&mut best, observer)?;
+            if let OwnTrial::Fails(trial) = own {
+                best.stood(trial);
+            }
         }
         self.certified(best, observer)
     }
@@ -165,9 +163,9 @@ impl<'p, 'a> Search<'p, 'a> {
                 placement
             }
         };
-        placement.joints.iter().for_each(|joint| {
+        for joint in &placement.joints {
             attempt.more.remove(&joint.site);
-        });
+        }
         let sites = &attempt.sites;
         let gaps = || placement.joints.iter().map(|joint| sites.gaps[joint.site]).filter(|gap| *gap > 0.0);
         let glued = Glued {
@@ -198,33 +196,30 @@ impl<'p, 'a> Search<'p, 'a> {
         observer: &mut dyn Observer,
     ) -> Result<Next, Error> {
         let next = self.apply_policy(number, attempt, trial, observer)?;
-        match next {
-            Next::None => match self.confirm(attempt, observer)? {
-                Some(failed) => match self.apply_policy(number, attempt, failed, observer)? {
-                    // Its welds have no trial in its own engine yet.
-                    Next::None => Ok(Next::Other),
-                    other => Ok(other),
-                },
-                None => Ok(next),
-            },
-            _ => Ok(next),
+        if next != Next::End {
+            return Ok(next);
         }
+        let own = self.try_own_engine(attempt, observer)?;
+        let OwnTrial::Fails(trial) = own else { return Ok(Next::End) };
+        let next = self.apply_policy(number, attempt, trial, observer)?;
+        // Welds that make it stand now have no trial in its own engine yet.
+        Ok(if next == Next::End { Next::Again } else { next })
     }
 
-    /// A trial in the pile's own engine, unless there was one with these joints. Returns it if the pile fails.
-    fn confirm(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<Option<TrialResult>, Error> {
+    /// A trial of an attempt in the pile's own engine, unless there was one with these joints.
+    fn try_own_engine(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<OwnTrial, Error> {
         if attempt.is_confirmed || self.trials.engine == ProofEngine::Own {
-            return Ok(None);
+            return Ok(OwnTrial::Stands);
         }
         let joints = self.joints(attempt);
         let own = self.trials.run_in(ProofEngine::Own, &joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
         if !own.stands() {
-            return Ok(Some(own));
+            return Ok(OwnTrial::Fails(own));
         }
         attempt.displacement = attempt.displacement.max(own.displacement);
         attempt.moved = attempt.moved.map(|moved| moved.max(own.moved));
         (attempt.poses, attempt.is_confirmed) = (own.poses, true);
-        Ok(None)
+        Ok(OwnTrial::Stands)
     }
 
     /// Applies the policy to a trial. Changes sites and prices for the next attempt, and may weld this one.
@@ -241,27 +236,40 @@ impl<'p, 'a> Search<'p, 'a> {
         let leans = self.anchors && displacement > LEANS && !self.anchors_all;
         let fails_in_places = moved <= IN_PLACES && (leans || displacement <= SAGS);
         let is_highest_price = self.sites.is_highest_price(&PRICES);
-        let discounts = (fails_in_places || is_highest_price) && self.sites.discount_friction(&attempt.moving);
+        let change = if fails_in_places || is_highest_price {
+            Change::Friction
+        } else if LOCAL.contains(&number) && moved <= LOCAL_MOVED {
+            Change::PriceAround
+        } else {
+            Change::Price
+        };
+        let mut discounts = false;
+        if change == Change::Friction {
+            discounts = self.sites.discount_friction(&attempt.moving);
+        }
         let is_to_be_welded = !leans && (attempt.stands() || number >= WELD_FROM || !discounts);
         if self.bound.is_none() && fails_in_places && is_to_be_welded {
             self.weld(attempt, observer)?;
         }
         self.anchors_all |= leans;
-        if fails_in_places || is_highest_price {
-            self.known = attempt.choice.joints().to_vec();
-        } else {
-            let is_local = LOCAL.contains(&number)
-                && moved <= LOCAL_MOVED
-                && self.sites.raise_normal_price(Some(&moved_a_little), &PRICES);
-            if !is_local {
-                self.sites.raise_normal_price(None, &PRICES);
+        match change {
+            Change::Friction => self.known = attempt.choice.joints().to_vec(),
+            Change::PriceAround => {
+                let is_raised = self.sites.raise_normal_price(Some(&moved_a_little), &PRICES);
+                if !is_raised {
+                    self.sites.raise_normal_price(None, &PRICES);
+                }
+                self.known.clear();
             }
-            self.known.clear();
+            Change::Price => {
+                self.sites.raise_normal_price(None, &PRICES);
+                self.known.clear();
+            }
         }
         Ok(match attempt.stands() && !leans {
-            true => Next::None,
-            false if is_highest_price && !discounts && !leans => Next::Same,
-            false => Next::Other,
+            true => Next::End,
+            false if is_highest_price && !discounts && !leans => Next::Last,
+            false => Next::Again,
         })
     }
 
@@ -296,11 +304,31 @@ impl<'p, 'a> Search<'p, 'a> {
 }
 
 /// The step after an attempt.
+#[derive(Clone, Copy, PartialEq, Eq)]
 enum Next {
-    None,
-    /// The next choice would be the same.
-    Same,
-    Other,
+    /// The pile stands: the search ends.
+    End,
+    /// One more attempt, whose trial runs to the end: the next choice would be the same.
+    Last,
+    Again,
+}
+
+/// What changes for the next attempt: rows 2, 3 and 4 of the policy.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Change {
+    /// Friction is discounted. The next attempt goes on from these joints.
+    Friction,
+    /// The price rises around bodies that moved a little; everywhere, if it is at the top there.
+    PriceAround,
+    /// The price rises everywhere.
+    Price,
+}
+
+/// A trial in the pile's own engine.
+enum OwnTrial {
+    /// It stands, or it had its trial there before.
+    Stands,
+    Fails(TrialResult),
 }
 
 fn failure<T>(result: Result<T, GlueError>) -> Result<T, Error> {

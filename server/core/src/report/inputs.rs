@@ -45,6 +45,16 @@ pub struct ReportInputs<'a> {
     pub ground: f64,
 }
 
+/// What physics alone does with the pile and with its props, where the report has figures of that.
+#[derive(Default)]
+pub struct PhysicsAlone {
+    pub figures: NamedFigures,
+    /// Steps in which it moved the pile.
+    pub steps: u64,
+    /// CPU seconds of those.
+    pub seconds: f64,
+}
+
 impl ReportInputs<'_> {
     /// Progress of the measures, 0 to 1.
     pub fn progress(&self, fraction: f64) -> Progress {

@@ -1,8 +1,7 @@
 //! Measures the pile, and gathers the warnings.
 
-use super::inputs::ReportInputs;
+use super::inputs::{NamedFigures, PhysicsAlone, ReportInputs};
 use super::{Name, Report, contacts, counts, entrance, glue, motion, shape, tidiness, visible, warnings};
-use crate::{free_pour, free_standing};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, Stage, observe};
@@ -10,14 +9,23 @@ use cairn_motion::step::Simulation;
 use cairn_prepare::effects::{Count, EffectName, OwnSeconds, bill};
 use std::collections::BTreeMap;
 
-/// The report. `spent`: CPU seconds by stage so far, of which its own are the rest.
-pub fn report(
+/// What is measured of the pile as it was left.
+pub struct MeasuredPile {
+    figures: NamedFigures,
+    counts: [(Count, u64); 4],
+    /// The bodies behind `unsupported_fraction`.
+    unsupported: Vec<usize>,
+    notes: Vec<String>,
+    own: OwnSeconds,
+}
+
+/// Measures the pile as it was left, before physics alone moves it.
+pub fn measure(
     inputs: &ReportInputs,
     sim: &mut Simulation,
-    mut spent: super::clock::Clock,
     observer: &mut dyn Observer,
-) -> Result<Report, Error> {
-    let ReportInputs { scene, params, shapes, filled, resolved, .. } = *inputs;
+) -> Result<MeasuredPile, Error> {
+    let ReportInputs { shapes, filled, resolved, .. } = *inputs;
     observe(observer, &inputs.progress(0.0))?;
     let mut own = OwnSeconds::default();
     let mut notes = inputs.plan.warnings.clone();
@@ -33,7 +41,7 @@ pub fn report(
     };
     own.pictures = shape.picture_seconds;
     own.shape_figures = observer.cpu_seconds() - begin - own.pictures;
-    let mut measures = shape.figures;
+    let mut figures = shape.figures;
     if let Some(first) = &shape.first {
         if let Some((container, filled)) = filled {
             notes.extend(warnings::fill(inputs, container, filled, first));
@@ -45,29 +53,29 @@ pub fn report(
     if resolved.is_on(EffectName::ShapeFigures) {
         // With a wider gap, a pair may have more points.
         let real = (gap > REAL_CONTACT).then(|| sim.pile.world.contact_pairs(REAL_CONTACT));
-        measures.extend(tidiness::figures(&sim.pile.world, shapes, real.as_ref().unwrap_or(&pairs)));
+        figures.extend(tidiness::figures(&sim.pile.world, shapes, real.as_ref().unwrap_or(&pairs)));
     }
     if let Some((_, filled)) = filled {
-        measures.insert("pocket_fraction", Some(filled.pockets));
-        measures.insert("wall_deviation_rel", Some(filled.wall_deviation));
+        figures.insert("pocket_fraction", Some(filled.pockets));
+        figures.insert("wall_deviation_rel", Some(filled.wall_deviation));
     }
     if let Some(glued) = inputs.glued {
-        measures.extend(glue::figures(glued, sim));
+        figures.extend(glue::figures(glued, sim));
         notes.extend(glue::warnings(glued, inputs.plan.prop_diameter, inputs.resolved.glue_bound));
         own.glue_proof = glued.proof_seconds;
     }
     observe(observer, &inputs.progress(0.8))?;
-    measures.extend(contacts::figures(&sim.pile.world, &pairs));
+    figures.extend(contacts::figures(&sim.pile.world, &pairs));
     let begin = observer.cpu_seconds();
     let (seen, visible_pairs) = match resolved.is_on(EffectName::VisibleFigures) {
         true => visible::figures(inputs, &sim.pile.world, &pairs),
         false => (visible::nothing(), 0),
     };
-    measures.extend(seen);
+    figures.extend(seen);
     own.visible = observer.cpu_seconds() - begin;
     let separation = inputs.separation;
-    measures.insert("separation_max_rel", separation.map(|found| found.farthest));
-    measures.extend(inputs.entrance.map(entrance::figures).unwrap_or_default());
+    figures.insert("separation_max_rel", separation.map(|found| found.farthest));
+    figures.extend(inputs.entrance.map(entrance::figures).unwrap_or_default());
     own.entrance = inputs.entrance.map_or(0.0, |entrance| entrance.seconds);
     own.separation = separation.map_or(0.0, |found| found.seconds);
     let begin = observer.cpu_seconds();
@@ -75,33 +83,42 @@ pub fn report(
         true => contacts::support(&sim.pile.world, &mut || observer.progress(&inputs.progress(0.9)))?,
         false => contacts::PileSupport::default(),
     };
-    measures.insert("unsupported_fraction", support.unsupported);
+    figures.insert("unsupported_fraction", support.unsupported);
     own.support = observer.cpu_seconds() - begin;
-    measures.extend(motion::figures(inputs, &sim.pile));
-    measures.extend(motion::control(sim));
-    let mut freed_steps = 0;
-    if resolved.is_on(EffectName::FreeStanding) {
-        let begin = observer.cpu_seconds();
-        let freed = free_standing::run(&mut sim.pile, observer)?;
-        own.free_standing = observer.cpu_seconds() - begin;
-        freed_steps = freed.steps;
-        measures.extend(freed.figures);
-    }
-    if resolved.is_on(EffectName::FreePour) {
-        measures.insert("free_pour_fraction", free_pour::of_props(&scene.props, shapes, params, observer)?);
-    }
+    figures.extend(motion::figures(inputs, &sim.pile));
+    figures.extend(motion::control(sim));
+    let counts = [
+        (Count::ShapesMeasured, shape.shapes),
+        (Count::PicturesMeasured, shape.pictures),
+        (Count::SupportIterations, support.iterations),
+        (Count::VisiblePairs, visible_pairs),
+    ];
+    Ok(MeasuredPile { figures, counts, unsupported: support.bodies, notes, own })
+}
+
+/// The report of a measured pile, which physics alone may have moved since. `spent`: CPU seconds by stage so far; those
+/// since are of the measures.
+pub fn report(
+    inputs: &ReportInputs,
+    sim: &Simulation,
+    measured: MeasuredPile,
+    alone: PhysicsAlone,
+    mut spent: super::clock::Clock,
+    observer: &mut dyn Observer,
+) -> Report {
+    let ReportInputs { params, shapes, separation, .. } = *inputs;
+    let MeasuredPile { figures: mut measures, counts: measured, unsupported, mut notes, mut own } = measured;
+    measures.extend(alone.figures);
+    own.free_standing = alone.seconds;
     notes.extend(warnings::end(sim, inputs.held, &measures));
     notes.extend(warnings::cuts(inputs, sim));
     notes.extend(separation.and_then(warnings::separation));
     notes.extend(inputs.entrance.map(|found| entrance::warnings(&found.figures, &params.entrance)).unwrap_or_default());
     let error_sources = motion::error_sources(inputs, &sim.pile.world, &measures);
     let limited_by = error_sources.iter().max_by(|a, b| a.1.total_cmp(b.1)).map(|(&name, _)| name.into());
-    let mut counts = counts::counts(inputs, sim, freed_steps);
+    let mut counts = counts::counts(inputs, sim, alone.steps);
+    counts.extend(measured);
     counts.extend([
-        (Count::ShapesMeasured, shape.shapes),
-        (Count::PicturesMeasured, shape.pictures),
-        (Count::SupportIterations, support.iterations),
-        (Count::VisiblePairs, visible_pairs),
         (Count::SeparationPairs, separation.map_or(0, |found| found.pairs)),
         (Count::SeparationMoved, separation.map_or(0, |found| found.moved)),
         (Count::SeparationCut, separation.map_or(0, |found| found.cut)),
@@ -109,7 +126,7 @@ pub fn report(
     (own.control, own.frames) = (sim.seconds.control(), sim.seconds.frames());
     spent.lap(Stage::Measure, observer);
     own.stages = spent.into_seconds();
-    Ok(Report {
+    Report {
         seed: params.seed,
         bodies: inputs.pile.bodies.len(),
         plan: inputs.plan.clone(),
@@ -121,11 +138,11 @@ pub fn report(
         counts,
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: own.stages,
-        unsupported: support.bodies,
+        unsupported,
         removals: Vec::new(),
         collapse: None,
         warnings: notes,
-    })
+    }
 }
 
 fn named<T>(values: BTreeMap<&'static str, T>) -> BTreeMap<Name, T> {

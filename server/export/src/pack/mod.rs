@@ -8,7 +8,7 @@ mod pile;
 mod still;
 mod surface;
 
-use super::{Encoded, ExportError, ExportScene};
+use super::{Encoded, ExportError, ExportScene, archive};
 use cairn_core::report::bake::BakedPile;
 use cairn_gltf::document::DocumentError;
 use cairn_render::{RenderError, RenderModel, SilhouetteDifference};
@@ -16,9 +16,7 @@ use file::Looks;
 use pile::PackedPile;
 use serde::Serialize;
 use std::collections::BTreeSet;
-use std::io::{Cursor, Write};
-use zip::write::SimpleFileOptions;
-use zip::{CompressionMethod, ZipWriter};
+use zip::CompressionMethod;
 
 /// The manifest's name, the last file of a pack that is written.
 pub const MANIFEST: &str = "manifest.json";
@@ -160,15 +158,10 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportEr
         Err(PackError::Export(error)) => return Err(error),
         Err(error) => return Err(ExportError::Pack(error.to_string())),
     };
-    let mut archive = ZipWriter::new(Cursor::new(Vec::new()));
-    let stored = SimpleFileOptions::default().compression_method(CompressionMethod::Stored);
     let text = manifest.text();
     let files = manifest.files.iter().map(|file| (file.file.as_str(), file.content.as_slice()));
-    for (name, content) in files.chain([(MANIFEST, text.as_bytes())]) {
-        archive.start_file(name, stored).map_err(std::io::Error::other)?;
-        archive.write_all(content)?;
-    }
-    let bytes = archive.finish().map_err(std::io::Error::other)?.into_inner();
+    let files = files.chain([(MANIFEST, text.as_bytes())]);
+    let bytes = archive::zip(CompressionMethod::Stored, files)?;
     Ok(Encoded { left_out: manifest.left_out, ..Encoded::single(bytes) })
 }
 

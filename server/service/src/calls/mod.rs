@@ -334,7 +334,11 @@ impl PileService for Service {
         let own = Format::from_wire(status.format());
         let format = if format == OutputFormat::Unspecified { own } else { Format::from_wire(format) };
         let (bakes, of) = (self.bakes.clone(), entry.clone());
-        let kind = on_disk(move || bakes.result_kind(&of, format, usd, asset_folder)).await??;
+        let kind = on_disk(move || match bakes.other_layout(&of, format, usd, asset_folder)? {
+            Some(layout) => bakes.keep_layout(&of, format, &layout),
+            None => Ok(ResultKind::of(format)),
+        });
+        let kind = kind.await??;
         let (name, first) = match artifact {
             Artifact::Unspecified | Artifact::Result => {
                 let head = self.bakes.result(&caller, &entry, &kind).await?.result;

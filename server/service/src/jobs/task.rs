@@ -1,6 +1,7 @@
 //! The task of a bake: plan, wait, run, end.
 
-use super::{Bakes, Entry, EntryState, accepted_before, bake_id, end_with, now};
+use super::restart::accepted_before;
+use super::{Bakes, Entry, EntryState, bake_id, end_with, now};
 use crate::access::{Caller, Project};
 use crate::event_log::{Extent, LogWriter};
 use crate::folder::EVENTS;
