@@ -2,8 +2,8 @@
 //! the rows whose verdict is one of statics (boundary, units, duplicate, collinear, arch, wedge, and the verdicts of
 //! slope and overhang) are tests of the analysis in `server/statics/tests/equilibrium/`.
 //!
-//! The full size of the shortened rows: `cargo test --release --test all hard:: -- --ignored`. The long run of the stability
-//! sweep: `cargo study sweep`.
+//! The full size of the shortened rows: `cargo test --release --test all hard:: -- --ignored`. The long run of the
+//! stability sweep: `cargo study sweep`.
 
 mod guard;
 #[path = "../studies/problems/problem/mod.rs"]

@@ -66,7 +66,7 @@ pub enum Fault {
     #[error("the server's files of this bake are damaged: {0}. Request the bake again to repeat it")]
     BakeDamaged(String),
     #[error(
-        "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene: inform whoever runs it"
+        "the bake's process ended unexpectedly: {0}. This is a fault in Cairn, not in your scene: inform its operator"
     )]
     BakeCrashed(String),
     #[error("the server ended while this bake ran; request it again")]
