@@ -71,8 +71,12 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let ruler = Ruler::new(control, full.job.scene.props.iter().map(|prop| prop.model.mesh.clone()).collect());
     let name = scene.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     let print_row = |glue: &str, placed: &GluePlacement, seconds: f64| -> anyhow::Result<()> {
-        let loose: Vec<BodyId> =
-            placed.fallen.iter().map(|&body| sites.ids[body]).chain(sites.unreachable.iter().copied()).collect();
+        let loose: Vec<BodyId> = placed
+            .fallen
+            .iter()
+            .map(|&body| sites.assembly.ids[body])
+            .chain(sites.unreachable.iter().copied())
+            .collect();
         let dots: Vec<_> = placed.joints.iter().map(|j| sites.joint(j.site, j.force, j.moment, 0.0, 1.0)).collect();
         let (world, policy) = (sim.pile.world.clone(), sim.pile.policy.clone());
         let watch = Watch { ends: Ends::Late, most_displacement: 0.0 };
@@ -80,7 +84,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
         let poses = freed.poses.context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",
-            sites.ids.len(),
+            sites.assembly.ids.len(),
             sites.real_with(placed),
             dots.len(),
             dots.iter().map(|dot| dot.force.length()).fold(0.0, f64::max),
@@ -104,7 +108,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
     let begin = ProcessTime::now();
     let least = glue::place(&problem, &options(None), &mut going)?;
     print_row("as few as Cairn finds", &least, begin.elapsed().as_secs_f64())?;
-    if sites.ids.len() <= args.oracle {
+    if sites.assembly.ids.len() <= args.oracle {
         let begin = ProcessTime::now();
         let placed = interior_point::place(&problem, &options(None), &mut going)?;
         print_row("as few as Clarabel finds", &placed, begin.elapsed().as_secs_f64())?;

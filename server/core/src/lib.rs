@@ -93,7 +93,7 @@ pub fn plan(scene: &Scene, params: &Params) -> Result<Plan, Error> {
     plan_checked(scene, params).map(|(plan, _)| plan)
 }
 
-/// As [`plan`], with the checked scene: a bake goes on from it by [`fill_checked`].
+/// As [`plan()`], with the checked scene: a bake goes on from it by [`fill_checked`].
 pub fn plan_checked(scene: &Scene, params: &Params) -> Result<(Plan, CheckedScene), Error> {
     let checked = check::run(scene, params).map_err(Error::Invalid)?;
     let summaries = shape::summaries(scene, params, &checked.sizes)?;

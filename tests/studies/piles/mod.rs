@@ -70,5 +70,5 @@ impl Full {
 /// The best forces over all contacts of a pile. Bodies in the order of [`World::present`], without those that are
 /// pinned.
 pub fn whole(world: &World) -> Option<Balance> {
-    global::analyse(&PileEquilibrium::new(world, REAL_CONTACT).problem(), Objective::default()).ok()
+    global::analyse(&PileEquilibrium::new(world, REAL_CONTACT).assembly.problem(), Objective::default()).ok()
 }
