@@ -1,6 +1,6 @@
 //! Long: a fault at each place where the service writes, syncs, renames, starts a process or sends: the caller gets a
 //! message, nothing is left behind, and the same call succeeds once the fault is gone. The places are named in
-//! `server/src/`.
+//! `server/`.
 
 use crate::service::server::{
     PROGRAM, Server, accepted_id, assert_fault, command, content, events, request, sha256, short, status, watch,
