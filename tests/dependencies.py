@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "server" / "dependencies.md"
 MOST = 380
-MARK = r"(<!--={}-->).*?(<!--=-->)"
+MARK = r"(<!-- {}: -->).*?(<!-- end -->)"
 
 
 def run(*command, folder=ROOT):

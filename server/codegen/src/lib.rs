@@ -1,7 +1,7 @@
 //! Writes the Rust code of the parameters from `proto/cairn/v1`, the only place where a parameter is declared.
 //!
-//! Two build scripts use it: that of `cairn-core` for the types, defaults and ranges ([`core`]), and that of `cairn`
-//! for the conversions between these types and the messages ([`wire`]). A field's comment has its default
+//! Two build scripts use it: that of `cairn-input` for the types, defaults and ranges ([`core`]), and that of
+//! `cairn-wire` for the conversions between these types and the messages ([`wire`]). A field's comment has its default
 //! (`Default: 8.`, or `Default: not set, ...` for a value that may be absent) and its range (`Range: 1 to 64.`,
 //! `Range: above 0.`).
 

@@ -1,4 +1,4 @@
-//! Conversions between the core's parameters and the messages, for `cairn::wire`.
+//! Conversions between the core's parameters and the messages, for `cairn_wire`.
 
 use crate::{
     CHOSEN, Group, Parameter, Schema, Value, camel, is_deprecated, is_text, measure, of_field, stated, variant,
@@ -9,7 +9,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write;
 
 impl Schema {
-    /// The code that `parameters.rs` of `cairn::wire` includes.
+    /// The code that `parameters.rs` of `cairn_wire` includes.
     pub fn wire(&self) -> String {
         let mut code = String::new();
         let stage = self.pool.get_enum_by_name("cairn.v1.Stage").expect("the schema has stages");

@@ -152,7 +152,7 @@ struct FormatRow {
     writer: fn(&BakedPile, &ExportScene) -> Result<Encoded, ExportError>,
     /// Whether a result states where it comes from, so that it can be given as a scene.
     states_origin: bool,
-    /// Whether a result is one file. Others have sidecars, so they need a folder, and the service does not offer them.
+    /// Whether a result is one file. Others have sidecars, so they need a folder.
     is_single_file: bool,
     /// Whether a result holds the pile's figures, so that it is written after the measures.
     holds_measures: bool,

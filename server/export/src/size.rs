@@ -1,7 +1,7 @@
 //! How large results are at most.
 
-/// Upper bounds of the size of a result's parts, bytes, besides its models. `tests/cli/outputs.rs` holds results
-/// against them.
+/// Upper bounds of the size of a result's parts, bytes, besides its models. A test of the room `job` holds
+/// results against them.
 #[derive(Clone, Copy)]
 pub struct FormatSize {
     /// Of what every result has.

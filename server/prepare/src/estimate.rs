@@ -205,7 +205,7 @@ impl Workload {
     }
 }
 
-/// The estimate for a checked scene. `machine`: from `stages::calibrate`.
+/// The estimate for a checked scene. `machine`: from `calibrate` of the room `core`.
 pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shape], machine: f64) -> Estimate {
     let traits = params.accuracy.traits();
     let [imbalance, shape_error] = traits.expected_errors;

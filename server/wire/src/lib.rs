@@ -1,7 +1,7 @@
 //! The messages of `cairn.v1`, all conversion between them and the core's types, and scene files held against the
 //! schema ([`scene_file`]).
 //!
-//! It must never know tonic: what bakes does not know who asks. It alone knows both messages and parameters.
+//! It must never know tonic: what bakes does not know who asks. It alone converts between messages and parameters.
 //!
 //! Invariants: the effective scene has every default filled in and bakes to the same result; counts fit the wire.
 

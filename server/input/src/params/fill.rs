@@ -41,7 +41,7 @@ impl Fill {
     }
 }
 
-/// Properties of a fill method for parameters, plan and report. How it fills is in `stages::fill`.
+/// Properties of a fill method for parameters, plan and report. How it fills is in the room `core`.
 #[derive(Clone, Copy, Debug)]
 pub struct FillTraits {
     /// Its reason in the list of effects.
