@@ -17,6 +17,10 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "python"))
+
+from executable import environment  # noqa: E402
+
 PROGRAM = ROOT / "target" / "release" / ("cairn.exe" if os.name == "nt" else "cairn")
 # A Python with pip, for what the zip contains besides.
 TOOLS = ROOT / "target" / "addon" / "python"
@@ -54,12 +58,11 @@ def main():
 def found(asked):
     """The Blender to install into; of several versions, the newest."""
     if asked:
-        program = shutil.which(asked) or sys.exit(f"{asked} is no program: name Blender's own by --blender.")
-        return [program]
+        return shutil.which(asked) or sys.exit(f"{asked} is no program: name Blender's own by --blender.")
     folder, pattern = USUAL.get(sys.platform, USUAL["linux"])
     usual = sorted(Path(folder).glob(pattern))
     program = shutil.which("blender") or (usual and str(usual[-1]))
-    return [program or sys.exit(f"There is no Blender on the path or in {folder}: name it by --blender PROGRAM.")]
+    return program or sys.exit(f"There is no Blender on the path or in {folder}: name it by --blender PROGRAM.")
 
 
 def built():
@@ -72,19 +75,17 @@ def built():
 def python_with_pip():
     if importlib.util.find_spec("pip"):
         return sys.executable
-    python = TOOLS / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists() and subprocess.run([sys.executable, "-m", "venv", "--clear", TOOLS]).returncode:
-        sys.exit("This Python has neither pip nor venv: on Debian, `apt install python3-venv`.")
-    return python
+    return environment(TOOLS)
 
 
 def install(blender, zip):
     code = INSTALL.format(zip=str(zip))
-    # A Blender of the system's takes its libraries from the first Python on the path, which must not be this one's.
-    path = [folder for folder in os.environ["PATH"].split(os.pathsep) if not folder.startswith(sys.prefix)]
-    environment = {**os.environ, "PATH": os.pathsep.join(path)}
-    command = [*blender, "--background", "--python-expr", code]
-    done = subprocess.run(command, text=True, capture_output=True, env=environment)
+    # A Blender of the system's takes its libraries from the first Python on the path, which must be the system's, too.
+    own = None if sys.prefix == "/usr" else str(Path(sys.executable).parent)
+    path = [folder for folder in os.environ["PATH"].split(os.pathsep) if folder != own]
+    variables = {**os.environ, "PATH": os.pathsep.join(path)}
+    command = [blender, "--background", "--python-expr", code]
+    done = subprocess.run(command, text=True, capture_output=True, env=variables)
     said = next((line for line in done.stdout.splitlines() if line.startswith("cairn-installed")), "")
     if "No module named 'numpy'" in done.stdout + done.stderr:
         sys.exit("This Blender has no numpy, which its own builds have: on Debian, `apt install python3-numpy`.")

@@ -18,7 +18,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from executable import include, kind_of
+from executable import environment, include, kind_of
 
 ROOT = Path(__file__).resolve().parent.parent
 # A folder of its own: nothing that is generated stands between the sources.
@@ -67,8 +67,8 @@ def main():
     (STAGE / "pyproject.toml").write_text(manifest)
 
     command = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", STAGE / "dist"]
-    environment = {**os.environ, "CAIRN_PLATFORM": platform, "SOURCE_DATE_EPOCH": ZIP_TIME}
-    subprocess.run(command, cwd=STAGE, env=environment, check=True, stdout=sys.stderr)
+    variables = {**os.environ, "CAIRN_PLATFORM": platform, "SOURCE_DATE_EPOCH": ZIP_TIME}
+    subprocess.run(command, cwd=STAGE, env=variables, check=True, stdout=sys.stderr)
     print(STAGE / "dist" / f"cairn_pile-{version()}-py3-none-{platform}.whl")
 
 
@@ -77,11 +77,9 @@ def with_tools():
     if all(importlib.util.find_spec(name) for name in ("grpc_tools", "hatchling")):
         return
     home = STAGE.with_name("wheel-tools")
-    python = home / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     if Path(sys.prefix) == home:
         sys.exit(f"{home} is broken: delete it.")
-    if not python.exists() and subprocess.run([sys.executable, "-m", "venv", "--clear", home]).returncode:
-        sys.exit("This Python cannot make environments: on Debian, `apt install python3-venv`.")
+    python = environment(home)
     subprocess.run([python, "-m", "pip", "--quiet", "--disable-pip-version-check", "install", *TOOLS], check=True)
     sys.exit(subprocess.run([python, *sys.argv]).returncode)
 

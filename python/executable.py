@@ -1,5 +1,7 @@
-"""Which platform a program is for, as its own first bytes say; the builds of the wheel and of the add-on ask."""
+"""Which platform a program is for, as its own first bytes say; the builds of the wheel and of the add-on ask. And a
+Python of their own."""
 
+import os
 import shutil
 import struct
 import subprocess
@@ -23,6 +25,14 @@ class Kind(NamedTuple):
 ELF = {0x3E: "x64", 0xB7: "arm64"}
 PE = {0x8664: "x64", 0xAA64: "arm64"}
 MACH_O = {0x01000007: "x64", 0x0100000C: "arm64"}
+
+
+def environment(home: Path) -> Path:
+    """The Python of an environment of its own, which is made if it is not there."""
+    python = home / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    if not python.exists() and subprocess.run([sys.executable, "-m", "venv", "--clear", home]).returncode:
+        sys.exit("This Python cannot make environments: on Debian, `apt install python3-venv`.")
+    return python
 
 
 def kind_of(path: Path) -> Kind:
