@@ -3,7 +3,7 @@
 //! The engine's own merges faces whose normals differ by up to a degree and a half, and forgets the corners between
 //! them: a point of such a face may be off by a hundredth of the prop, which is more than a thin prop's thickness.
 
-use super::lanes::{Lanes, aabb, lanes, outermost};
+use super::lanes::{CornerLanes, PlaneLanes, aabb, lanes, outermost, plane_lanes};
 use cairn_geometry::SINGLE_ROUNDING;
 use cairn_geometry::hull::convex_hull;
 use rapier3d::math::{Pose, Vector};
@@ -11,7 +11,7 @@ use rapier3d::parry::bounding_volume::{Aabb, BoundingSphere};
 use rapier3d::parry::mass_properties::MassProperties;
 use rapier3d::parry::query::{PointProjection, PointQuery, Ray, RayCast, RayIntersection};
 use rapier3d::parry::shape::{
-    ConvexPolyhedron, FeatureId, PackedFeatureId, PolygonalFeatureMap, Shape, ShapeType, SupportMap, TypedShape,
+    ConvexPolyhedron, FeatureId, PolygonalFeatureMap, Shape, ShapeType, SupportMap, TypedShape,
 };
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,9 +22,44 @@ use std::sync::Arc;
 pub struct Hull {
     solid: ConvexPolyhedron,
     /// The same points, for the search of the outermost one.
-    lanes: Arc<[Lanes]>,
+    lanes: Arc<[CornerLanes]>,
     facets: Arc<[Facet]>,
+    /// Those of the facets.
+    planes: Arc<[PlaneLanes]>,
     edges: Arc<[HullEdge]>,
+    around: Arc<EdgesAround>,
+}
+
+/// Which edges meet at each corner, and which are around each facet.
+#[derive(Clone, Debug)]
+pub struct EdgesAround {
+    pub corners: Incidence,
+    pub facets: Incidence,
+}
+
+/// For each of some things, those of others that touch it.
+#[derive(Clone, Debug)]
+pub struct Incidence {
+    /// Where the list of each thing begins; one more ends the last.
+    begins: Vec<u32>,
+    lists: Vec<u32>,
+}
+
+impl Incidence {
+    /// `pairs`: of a thing below `count` and of what touches it.
+    fn new(count: usize, pairs: impl Iterator<Item = (u32, u32)>) -> Incidence {
+        let mut lists = vec![Vec::new(); count];
+        pairs.for_each(|(thing, other)| lists[thing as usize].push(other));
+        let ends = lists.iter().scan(0, |end, list: &Vec<u32>| {
+            *end += list.len() as u32;
+            Some(*end)
+        });
+        Incidence { begins: std::iter::once(0).chain(ends).collect(), lists: lists.concat() }
+    }
+
+    pub fn of(&self, thing: usize) -> &[u32] {
+        &self.lists[self.begins[thing] as usize..self.begins[thing + 1] as usize]
+    }
 }
 
 /// A convex polygon of the surface.
@@ -34,33 +69,13 @@ pub struct Facet {
     pub corners: Vec<u32>,
     /// Unit, outwards.
     pub normal: Vector,
-    /// A bit for each corner.
-    pub mask: u128,
-    /// For the engine, by its number.
-    pub name: PackedFeatureId,
 }
 
-impl Facet {
-    fn new(number: usize, corners: Vec<u32>, normal: Vector) -> Facet {
-        let mask = corner_mask(&corners);
-        Facet { corners, normal, mask, name: PackedFeatureId::face(number as u32) }
-    }
-}
-
-/// A corner beyond the bits sets them all.
-fn corner_mask(corners: &[u32]) -> u128 {
-    corners.iter().fold(0, |mask, &i| mask | 1u128.checked_shl(i).unwrap_or(u128::MAX))
-}
-
-/// An edge between two facets. Indices.
-#[derive(Clone, Debug)]
+/// An edge between two facets. Indices; the corners are in the order in which the first facet has them.
+#[derive(Clone, Copy, Debug)]
 pub struct HullEdge {
     pub corners: [u32; 2],
     pub facets: [u32; 2],
-    /// A bit for each corner.
-    pub mask: u128,
-    /// For the engine, by its number.
-    pub name: PackedFeatureId,
 }
 
 impl Hull {
@@ -73,13 +88,26 @@ impl Hull {
         };
         let (facets, solid) = catch_unwind(AssertUnwindSafe(hull)).ok()??;
         let edges = edges(&facets);
-        Some(Hull { lanes: lanes(solid.points()), solid, facets: facets.into(), edges: edges.into() })
+        let (lanes, planes) = (lanes(solid.points()), planes(&facets, solid.points()));
+        let numbered = || (0..).zip(&edges);
+        let around = EdgesAround {
+            corners: Incidence::new(
+                solid.points().len(),
+                numbered().flat_map(|(k, e): (u32, &HullEdge)| e.corners.map(|i| (i, k))),
+            ),
+            facets: Incidence::new(
+                facets.len(),
+                numbered().flat_map(|(k, e): (u32, &HullEdge)| e.facets.map(|f| (f, k))),
+            ),
+        };
+        Some(Hull { lanes, planes, solid, facets: facets.into(), edges: edges.into(), around: around.into() })
     }
 
     /// The same hull, `factor` times as large, without a search.
     pub fn scaled(&self, factor: f32) -> Hull {
         let solid = self.solid.clone().scaled(Vector::splat(factor)).unwrap_or_else(|| self.solid.clone());
-        Hull { lanes: lanes(solid.points()), solid, ..self.clone() }
+        let (lanes, planes) = (lanes(solid.points()), planes(&self.facets, solid.points()));
+        Hull { lanes, planes, solid, ..self.clone() }
     }
 
     pub fn points(&self) -> &[Vector] {
@@ -93,6 +121,27 @@ impl Hull {
     pub fn edges(&self) -> &[HullEdge] {
         &self.edges
     }
+
+    pub fn around(&self) -> &EdgesAround {
+        &self.around
+    }
+
+    pub fn lanes(&self) -> &[CornerLanes] {
+        &self.lanes
+    }
+
+    pub fn planes(&self) -> &[PlaneLanes] {
+        &self.planes
+    }
+}
+
+/// Each is as far out as its facet's outermost corner.
+fn planes(facets: &[Facet], points: &[Vector]) -> Arc<[PlaneLanes]> {
+    let of = |facet: &Facet| {
+        let height = |&i: &u32| points[i as usize].dot(facet.normal);
+        (facet.normal, facet.corners.iter().map(height).fold(f32::NEG_INFINITY, f32::max))
+    };
+    plane_lanes(&facets.iter().map(of).collect::<Vec<_>>())
 }
 
 /// Merges triangles that lie in one plane, from the largest on.
@@ -135,7 +184,7 @@ fn facets(points: &[Vector], triangles: &[[u32; 3]]) -> Vec<Facet> {
             }
         };
         for (corners, normal) in polygons {
-            facets.push(Facet::new(facets.len(), corners, normal));
+            facets.push(Facet { corners, normal });
         }
     }
     facets
@@ -151,9 +200,7 @@ fn edges(facets: &[Facet]) -> Vec<HullEdge> {
     for (&[i, j], &facet) in &facet_of {
         let twin = facet_of.get(&[j, i]).copied();
         if i < j || twin.is_none() {
-            let name = PackedFeatureId::edge(edges.len() as u32);
-            let facets = [facet, twin.unwrap_or(facet)];
-            edges.push(HullEdge { corners: [i, j], facets, mask: corner_mask(&[i, j]), name });
+            edges.push(HullEdge { corners: [i, j], facets: [facet, twin.unwrap_or(facet)] });
         }
     }
     edges
@@ -315,7 +362,7 @@ mod tests {
         let at = |factor: f32| points.map(|p| Vector::from(p) * factor);
         let (scaled, direct) = (Hull::new(&at(1.0)).unwrap().scaled(0.25), Hull::new(&at(0.25)).unwrap());
         assert_eq!(scaled.points(), direct.points());
-        let facets = |hull: &Hull| hull.facets().iter().map(|f| (f.corners.clone(), f.mask)).collect::<Vec<_>>();
+        let facets = |hull: &Hull| hull.facets().iter().map(|f| f.corners.clone()).collect::<Vec<_>>();
         assert_eq!(facets(&scaled), facets(&direct));
         let direction = Vector::new(0.3, -0.5, 0.8);
         assert_eq!(scaled.local_support_point(direction), direct.local_support_point(direction));

@@ -37,8 +37,11 @@ use std::sync::OnceLock;
 pub use convex::hull_mesh;
 pub use corners::corners;
 pub use fit::{OrientedBox, oriented_box};
-pub use hull::{Facet, Hull};
+pub use hull::{EdgesAround, Facet, Hull, HullEdge};
 pub use kind::ShapeKind;
+pub(crate) use lanes::{
+    CornerLanes, LANES, PlaneLanes, dot, eight, flat, greater, greatest, heights, outermost, position, top,
+};
 pub use mass::principal;
 pub use nest::NestingPose;
 pub use outer::outer_hulls;

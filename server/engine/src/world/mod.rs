@@ -65,7 +65,7 @@ pub use colliders::{BodyId, MovingId};
 pub use contacts::{ComingHit, ContactPair, ContactPoint, PairSide, ReservedPlaces};
 pub use corrections::WorldCounters;
 pub use joints::nails::NailId;
-pub use manifold::SOLVED;
+pub use manifold::{Manifolds, SOLVED};
 pub use queries::{FrictionExcess, Obstacle};
 pub use scenery::WallId;
 pub use settings::PUSH_OUT_SPEED;

@@ -3,6 +3,7 @@
 
 use super::colliders::{OUTSIDE, Owner};
 use super::{MovingId, World, units::from_engine, units::to_engine};
+use crate::shape::Hull;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
 use glam::DVec3;
@@ -126,8 +127,8 @@ impl World {
     pub fn add_core(&mut self, mesh: &TriMesh, is_convex: bool, friction: f64) -> Result<(), String> {
         let mesh = self.units.mesh_to_engine(mesh);
         let points: Vec<Vector> = mesh.points.iter().map(|p| p.as_vec3()).collect();
-        let core = match ColliderBuilder::convex_hull(&points).filter(|_| is_convex) {
-            Some(hull) => hull.friction(friction as f32).user_data(Owner::Core.user_data()),
+        let core = match Hull::new(&points).filter(|_| is_convex) {
+            Some(hull) => ColliderBuilder::new(SharedShape::new(hull)).friction(friction as f32).user_data(Owner::Core.user_data()),
             None => mesh_collider(&mesh, 1.0, friction, ONE_SIDED, Owner::Core)?,
         };
         self.engine.insert_collider(core, None);

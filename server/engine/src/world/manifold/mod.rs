@@ -4,14 +4,17 @@
 //! sliver of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the
 //! ground, be pushed back, and rock forever. Here every corner counts; everything else is the engine's.
 
-mod faces;
+mod convex;
+mod gap;
+mod parts;
 mod plane;
-mod sides;
+mod polyhedron;
+mod separation;
 
 use crate::shape::Hull;
 use rapier3d::parry::query::details::{
     NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_composite_shape_composite_shape,
-    contact_manifolds_composite_shape_shape, contact_manifolds_trimesh_shape_shapes,
+    contact_manifolds_trimesh_shape_shapes,
 };
 use rapier3d::parry::query::{
     ClosestPoints, Contact, ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher,
@@ -60,26 +63,21 @@ where
         manifolds: &mut Vec<ContactManifold<M, C>>,
         workspace: &mut Option<ContactManifoldsWorkspace>,
     ) -> Result<(), Unsupported> {
+        let is_mesh = a.as_trimesh().is_some() || b.as_trimesh().is_some();
         match (a.as_composite_shape(), b.as_composite_shape()) {
-            (Some(parts), Some(others)) => contact_manifolds_composite_shape_composite_shape(
+            (Some(parts), Some(others)) if is_mesh => contact_manifolds_composite_shape_composite_shape(
                 self, pos12, parts, others, prediction, manifolds, workspace,
             ),
-            _ if a.as_trimesh().is_some() || b.as_trimesh().is_some() => {
+            _ if is_mesh => {
                 contact_manifolds_trimesh_shape_shapes(self, pos12, a, b, prediction, manifolds, workspace);
-            }
-            (Some(parts), None) => {
-                contact_manifolds_composite_shape_shape(self, pos12, parts, b, prediction, manifolds, workspace, false);
-            }
-            (None, Some(parts)) => {
-                let pos21 = &pos12.inverse();
-                contact_manifolds_composite_shape_shape(self, pos21, parts, a, prediction, manifolds, workspace, true);
             }
             (None, None) => {
                 if manifolds.is_empty() {
                     manifolds.push(ContactManifold::new());
                 }
-                return self.contact_manifold_convex_convex(pos12, a, b, None, None, prediction, &mut manifolds[0]);
+                self.update_convex(pos12, [a, b], (None, None), prediction, &mut manifolds[0]);
             }
+            _ => parts::update_manifolds(self, pos12, [a, b], prediction, manifolds, workspace),
         }
         Ok(())
     }
@@ -94,20 +92,44 @@ where
         prediction: f32,
         manifold: &mut ContactManifold<M, C>,
     ) -> Result<(), Unsupported> {
-        let constraints = (constraints_a, constraints_b);
+        self.update_convex(pos12, [a, b], (constraints_a, constraints_b), prediction, manifold);
+        Ok(())
+    }
+}
+
+/// What keeps the normals of a contact between those of a mesh's triangles, of both shapes.
+type Constraints<'a> = (Option<&'a dyn NormalConstraints>, Option<&'a dyn NormalConstraints>);
+
+impl Manifolds {
+    /// Two convex shapes. Returns a distance that they are apart at least, where it is known.
+    fn update_convex<M, C>(
+        &self,
+        pos12: &Pose,
+        [a, b]: [&dyn Shape; 2],
+        constraints: Constraints,
+        prediction: f32,
+        manifold: &mut ContactManifold<M, C>,
+    ) -> Option<f32>
+    where
+        M: Default + Clone + Send + Sync,
+        C: Default + Copy + Send + Sync,
+    {
         let hulls = (a.as_shape::<Hull>(), b.as_shape::<Hull>());
         if let (Some(plane), Some(body)) = (a.as_halfspace(), hulls.1) {
-            plane::update_manifold(plane, body, pos12, prediction, self.most, manifold, false);
-        } else if let (Some(body), Some(plane)) = (hulls.0, b.as_halfspace()) {
-            plane::update_manifold(plane, body, &pos12.inverse(), prediction, self.most, manifold, true);
-        } else if (hulls.0.is_some() || hulls.1.is_some()) && faces::has_faces(a) && faces::has_faces(b) {
-            faces::update_manifold(pos12, a, b, constraints, prediction, self.most, manifold);
-        } else {
-            let (of_a, of_b) = constraints;
-            return DefaultQueryDispatcher
-                .contact_manifold_convex_convex(pos12, a, b, of_a, of_b, prediction, manifold);
+            return Some(plane::update_manifold(plane, body, pos12, prediction, self.most, manifold, false));
         }
-        Ok(())
+        if let (Some(body), Some(plane)) = (hulls.0, b.as_halfspace()) {
+            return Some(plane::update_manifold(plane, body, &pos12.inverse(), prediction, self.most, manifold, true));
+        }
+        if hulls.0.is_some() || hulls.1.is_some() {
+            let distance = convex::update_manifold(pos12, [a, b], constraints, prediction, self.most, manifold);
+            if distance.is_some() {
+                return distance;
+            }
+        }
+        let (of_a, of_b) = constraints;
+        let _ = DefaultQueryDispatcher.contact_manifold_convex_convex(pos12, a, b, of_a, of_b, prediction, manifold);
+        None
     }
 }
 

@@ -1,0 +1,144 @@
+//! A convex polyhedron as a contact looks at it: corners and planes side by side, so that the processor looks at several
+//! of them at once, and edges. Hulls have that ready; boxes and triangles are put into it.
+
+use crate::shape::{CornerLanes, EdgesAround, Hull, HullEdge, LANES, PlaneLanes, eight, outermost};
+use rapier3d::parry::shape::{Cuboid, Shape, Triangle};
+use rapier3d::prelude::*;
+use wide::f32x8;
+
+/// See the module. In the frame of its shape.
+#[derive(Clone, Copy)]
+pub(super) struct Polyhedron<'a> {
+    pub corners: &'a [Vector],
+    pub lanes: &'a [CornerLanes],
+    /// Unit normals outwards; the last lanes are filled up with the last plane.
+    pub planes: &'a [PlaneLanes],
+    pub edges: &'a [HullEdge],
+    /// Number of its planes, without those that fill up the last lanes.
+    pub facets: usize,
+    /// `None`: there are few edges.
+    pub around: Option<&'a EdgesAround>,
+}
+
+impl Polyhedron<'_> {
+    pub fn normal(&self, facet: usize) -> Vector {
+        let [x, y, z] = &self.planes[facet / LANES].normal;
+        let k = facet % LANES;
+        Vector::new(x.as_array()[k], y.as_array()[k], z.as_array()[k])
+    }
+
+    pub fn offset(&self, facet: usize) -> f32 {
+        self.planes[facet / LANES].offset.as_array()[facet % LANES]
+    }
+
+    /// The corner that is outermost in a direction.
+    pub fn outermost(&self, direction: Vector) -> Vector {
+        // The last lanes are filled up with the last corner.
+        self.corners[outermost(self.lanes, direction).min(self.corners.len() - 1)]
+    }
+
+    /// A point inside or on it.
+    pub fn middle(&self) -> Vector {
+        self.corners.iter().sum::<Vector>() / self.corners.len() as f32
+    }
+}
+
+/// Room for a box or a triangle as a polyhedron: eight corners and planes at most.
+pub(super) struct Small {
+    corners: [Vector; LANES],
+    count: usize,
+    facets: usize,
+    lanes: [CornerLanes; 1],
+    planes: [PlaneLanes; 1],
+}
+
+/// The facet on the negative and on the positive side along each axis of a box, and its edges: parallel to each axis in
+/// turn. The corner whose number has the bit of an axis is on its positive side.
+const BOX_EDGES: [HullEdge; 12] = {
+    let mut edges = [HullEdge { corners: [0; 2], facets: [0; 2] }; 12];
+    let mut number = 0;
+    while number < 12 {
+        let (axis, others) = (number as u32 / 4, number as u32 % 4);
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        let (on_u, on_v) = (others & 1, others >> 1);
+        let low = on_u << u | on_v << v;
+        let (facet_u, facet_v) = (2 * u + on_u, 2 * v + on_v);
+        // Counterclockwise around the first facet, seen from outside.
+        edges[number] = if on_u == on_v {
+            HullEdge { corners: [low, low | 1 << axis], facets: [facet_u, facet_v] }
+        } else {
+            HullEdge { corners: [low | 1 << axis, low], facets: [facet_u, facet_v] }
+        };
+        number += 1;
+    }
+    edges
+};
+
+/// A triangle is a prism of no height: its two faces, and three sides.
+const TRIANGLE_EDGES: [HullEdge; 6] = [
+    HullEdge { corners: [0, 1], facets: [0, 2] },
+    HullEdge { corners: [1, 2], facets: [0, 3] },
+    HullEdge { corners: [2, 0], facets: [0, 4] },
+    HullEdge { corners: [1, 0], facets: [1, 2] },
+    HullEdge { corners: [2, 1], facets: [1, 3] },
+    HullEdge { corners: [0, 2], facets: [1, 4] },
+];
+
+impl Small {
+    pub(super) const EMPTY: Small = Small {
+        corners: [Vector::ZERO; LANES],
+        count: 0,
+        facets: 0,
+        lanes: [[f32x8::ZERO; 3]; 1],
+        planes: [PlaneLanes { normal: [f32x8::ZERO; 3], offset: f32x8::ZERO }; 1],
+    };
+
+    fn put(&mut self, corners: &[Vector], planes: &[(Vector, f32)]) {
+        (self.count, self.facets) = (corners.len(), planes.len());
+        self.corners[..corners.len()].copy_from_slice(corners);
+        self.lanes[0] = [0, 1, 2].map(|axis| eight(corners, |p| p[axis]));
+        self.planes[0] = PlaneLanes {
+            normal: [0, 1, 2].map(|axis| eight(planes, |plane| plane.0[axis])),
+            offset: eight(planes, |plane| plane.1),
+        };
+    }
+
+    fn seen_with<'a>(&'a self, edges: &'a [HullEdge]) -> Polyhedron<'a> {
+        Polyhedron { corners: &self.corners[..self.count], lanes: &self.lanes, planes: &self.planes, edges, facets: self.facets, around: None }
+    }
+}
+
+/// A shape as a polyhedron; `room`: for one that is a box or a triangle. `None`: it is none, or a triangle without area.
+pub(super) fn polyhedron<'a>(shape: &'a dyn Shape, room: &'a mut Small) -> Option<Polyhedron<'a>> {
+    if let Some(hull) = shape.as_shape::<Hull>() {
+        return Some(Polyhedron {
+            corners: hull.points(),
+            lanes: hull.lanes(),
+            planes: hull.planes(),
+            edges: hull.edges(),
+            facets: hull.facets().len(),
+            around: Some(hull.around()),
+        });
+    }
+    if let Some(cuboid) = shape.as_shape::<Cuboid>() {
+        let half = cuboid.half_extents;
+        let side = |i: u32, axis: u32| if i >> axis & 1 == 1 { 1.0 } else { -1.0 };
+        let corners: [Vector; 8] =
+            std::array::from_fn(|i| half * Vector::new(side(i as u32, 0), side(i as u32, 1), side(i as u32, 2)));
+        let planes: [(Vector, f32); 6] = std::array::from_fn(|f| {
+            let normal = Vector::AXES[f / 2] * if f % 2 == 1 { 1.0 } else { -1.0 };
+            (normal, half[f / 2])
+        });
+        room.put(&corners, &planes);
+        return Some(room.seen_with(&BOX_EDGES));
+    }
+    let Triangle { a, b, c } = *shape.as_shape::<Triangle>()?;
+    let normal = (b - a).cross(c - a).try_normalize()?;
+    let mut planes = [(normal, a.dot(normal)), (-normal, -a.dot(normal)), Default::default(), Default::default(), Default::default()];
+    for (plane, [from, to]) in planes[2..].iter_mut().zip([[a, b], [b, c], [c, a]]) {
+        let out = (to - from).cross(normal).try_normalize()?;
+        *plane = (out, from.dot(out));
+    }
+    room.put(&[a, b, c], &planes);
+    Some(room.seen_with(&TRIANGLE_EDGES))
+}
