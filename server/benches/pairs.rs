@@ -63,12 +63,18 @@ fn pair(corners: usize, gap: [f32; 2], rng: &mut Pcg64Mcg) -> Result<Pair> {
         if contact.is_none_or(|c| c.dist > wanted) { far = middle } else { near = middle }
     }
     let pose = at(far);
-    let before = Pose::from_parts(pose.translation + direction(rng) * MOTION, turn(rng).slerp(Quat::IDENTITY, 0.997) * rotation);
+    let before =
+        Pose::from_parts(pose.translation + direction(rng) * MOTION, turn(rng).slerp(Quat::IDENTITY, 0.997) * rotation);
     Ok(Pair { own: [own(0)?, own(1)?], engines, pose, before })
 }
 
 /// Nanoseconds a call, by the least round.
-fn time<'p>(pairs: &'p [Pair], remembers: bool, dispatcher: &dyn PersistentQueryDispatcher<(), ()>, shapes: impl Fn(&'p Pair) -> [&'p dyn Shape; 2]) -> (f64, f64) {
+fn time<'p>(
+    pairs: &'p [Pair],
+    remembers: bool,
+    dispatcher: &dyn PersistentQueryDispatcher<(), ()>,
+    shapes: impl Fn(&'p Pair) -> [&'p dyn Shape; 2],
+) -> (f64, f64) {
     let (mut least, mut points) = (Duration::MAX, 0);
     for _ in 0..ROUNDS {
         let mut manifolds: Vec<ContactManifold<(), ()>> = pairs.iter().map(|_| ContactManifold::new()).collect();
@@ -101,8 +107,8 @@ fn main() -> Result<()> {
                 let (own, points) = time(&pairs, remembers, &Manifolds { most: SOLVED }, |p| [&p.own[0], &p.own[1]]);
                 let (engines, theirs) =
                     time(&pairs, remembers, &DefaultQueryDispatcher, |p| [&p.engines[0], &p.engines[1]]);
-                let ratio = own / engines;
-                println!("| {corners} | {name} | {memory} | {own:.0} | {engines:.0} | {ratio:.2} | {points:.1} | {theirs:.1} |");
+                let times = format!("{own:.0} | {engines:.0} | {:.2}", own / engines);
+                println!("| {corners} | {name} | {memory} | {times} | {points:.1} | {theirs:.1} |");
             }
         }
     }

@@ -146,6 +146,6 @@ impl Ruler {
         let end: Vec<_> = pile.instances.iter().zip(poses).filter_map(|(b, &pose)| Some(place((b, pose?)))).collect();
         let begin = Instances { props: &self.props, bodies: &begin };
         let measurer = ShapeMeasurer::new(&self.control, &self.region, &begin);
-        kept_shape(&measurer.measure(&begin), &measurer.measure(&Instances { props: &self.props, bodies: &end }))
+        kept_shape(&measurer.measure(&begin), &measurer.shape_iou(&Instances { props: &self.props, bodies: &end }))
     }
 }

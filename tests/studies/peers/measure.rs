@@ -52,7 +52,7 @@ pub fn figures(scene: &PeerScene, end: &[PeerBody]) -> anyhow::Result<Figures> {
     let (start, now) = (measurer.measure(&pile(&before)), measurer.measure(&pile(&after)));
     let overlaps = overlaps(&mut job, scene.ground, &after)?;
     Ok(Figures {
-        kept_shape: kept_shape(&start, &now),
+        kept_shape: kept_shape(&start, &now.shape_iou),
         kept_p95: now.height_p95_rel / start.height_p95_rel,
         penetration_mean: overlaps.mean_rel,
         penetration_max: overlaps.max_rel,

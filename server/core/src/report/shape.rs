@@ -50,9 +50,15 @@ impl Measured {
         Measured { figures: NAMES.iter().map(|&name| (name, None)).collect(), ..Measured::default() }
     }
 
-    fn measure(&mut self, measurer: &ShapeMeasurer, pile: &measure::Instances) -> ShapeMeasures {
+    /// `first`: what was measured right after turning over.
+    fn measure(
+        &mut self,
+        measurer: &ShapeMeasurer,
+        pile: &measure::Instances,
+        first: Option<&ShapeMeasures>,
+    ) -> ShapeMeasures {
         self.shapes += 1;
-        measurer.measure(pile)
+        first.map_or_else(|| measurer.measure(pile), |first| measurer.measure_later(pile, first))
     }
 }
 
@@ -88,14 +94,14 @@ pub fn figures(
         None => measurer,
     };
     let mut measured = Measured::nothing();
-    let first = (!start.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &start)));
+    let first = (!start.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &start), None));
     observe(observer, &inputs.progress(0.4))?;
-    let at_end = (!held.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &held)));
+    let at_end = (!held.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &held), first.as_ref()));
     if let Some(at_end) = &at_end {
         measured.figures.extend(at_end.figures().map(|(name, value)| (name, Some(value))));
     }
     if let Some(first) = &first {
-        let kept = at_end.as_ref().and_then(|end| measure::kept_shape(first, end));
+        let kept = at_end.as_ref().and_then(|end| measure::kept_shape(first, &end.shape_iou));
         measured.figures.extend([
             ("shape_iou_start", Some(first.shape_iou.value)),
             ("height_p95_rel_start", Some(first.height_p95_rel)),
@@ -111,15 +117,17 @@ pub fn figures(
             [("kept_shape_freed", &glued.poses_with_glue), ("kept_shape_natural", &glued.poses_without_glue)]
         {
             let bodies = poses.as_ref().map(|poses| only(freed(pile, poses)));
-            let shape = bodies.map(|bodies| measured.measure(&measurer, &pile_of(&props, &bodies)));
-            let kept = first.as_ref().zip(shape).and_then(|(first, shape)| measure::kept_shape(first, &shape));
+            let kept = first.as_ref().zip(bodies).and_then(|(first, bodies)| {
+                measured.shapes += 1;
+                measure::kept_shape(first, &measurer.shape_iou(&pile_of(&props, &bodies)))
+            });
             measured.figures.insert(name, kept);
         }
     }
     let mut first = first.or(at_end);
     let is_disturbed = hold_end < last || first.is_none();
     if is_disturbed {
-        let shape = measured.measure(&measurer, &pile_of(&props, &after));
+        let shape = measured.measure(&measurer, &pile_of(&props, &after), first.as_ref());
         measured.figures.insert("shape_iou_after", Some(shape.shape_iou.value));
         measured.figures.insert("height_p95_rel_after", Some(shape.height_p95_rel));
         first.get_or_insert(shape);

@@ -378,7 +378,8 @@ mod tests {
                 .collect();
             let outside = |p: Vector| {
                 let beyond = |hull: &Hull| {
-                    let out = |f: &super::super::hull::Facet| (p - hull.points()[f.corners[0] as usize]).dot(f.normal);
+                    let out =
+                        |f: &super::super::facets::Facet| (p - hull.points()[f.corners[0] as usize]).dot(f.normal);
                     hull.facets().iter().map(out).fold(f32::NEG_INFINITY, f32::max)
                 };
                 hulls.iter().map(beyond).fold(f32::INFINITY, f32::min)

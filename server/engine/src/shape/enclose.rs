@@ -7,7 +7,8 @@
 //! that what lies flat goes on to lie flat. The corner that stands out most gets another one beside it, until none
 //! stands out by more than is allowed, or there are too many.
 
-use super::hull::{Facet, Hull};
+use super::facets::Facet;
+use super::hull::Hull;
 use cairn_geometry::SINGLE_ROUNDING;
 use glam::DVec3;
 use rapier3d::math::Vector;

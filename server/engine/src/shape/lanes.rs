@@ -3,7 +3,6 @@
 use glam::Quat;
 use rapier3d::math::{Pose, Vector};
 use rapier3d::parry::bounding_volume::Aabb;
-use std::sync::Arc;
 use wide::f32x8;
 
 /// Some points side by side: their coordinates along each axis. The last of several is filled up with its last point.
@@ -21,9 +20,9 @@ pub struct PlaneLanes {
 }
 
 impl PlaneLanes {
-    /// Distances of a point from the planes; positive outside.
-    pub fn distances(&self, p: Vector) -> f32x8 {
-        dot(&self.normal, p) - self.offset
+    /// Distances of a point from the planes, moved out to `scale` times as far; positive outside.
+    pub fn distances(&self, p: Vector, scale: f32) -> f32x8 {
+        dot(&self.normal, p) - self.offset * f32x8::splat(scale)
     }
 }
 
@@ -57,13 +56,13 @@ pub fn position(lanes: &[f32x8], number: f32) -> usize {
     0
 }
 
-pub(super) fn lanes(points: &[Vector]) -> Arc<[CornerLanes]> {
+pub(super) fn lanes(points: &[Vector]) -> Vec<CornerLanes> {
     let of = |chunk: &[Vector]| [0, 1, 2].map(|axis| eight(chunk, |p| p[axis]));
     points.chunks(LANES).map(of).collect()
 }
 
 /// Planes by their normals and distances from the origin.
-pub(super) fn plane_lanes(planes: &[(Vector, f32)]) -> Arc<[PlaneLanes]> {
+pub(super) fn plane_lanes(planes: &[(Vector, f32)]) -> Vec<PlaneLanes> {
     let of = |chunk: &[(Vector, f32)]| PlaneLanes {
         normal: [0, 1, 2].map(|axis| eight(chunk, |plane| plane.0[axis])),
         offset: eight(chunk, |plane| plane.1),
@@ -124,14 +123,15 @@ pub fn flat(lanes: &[f32x8], number: usize) -> f32 {
     lanes[number / LANES].as_array()[number % LANES]
 }
 
-/// The box around points at a pose, to the last bit as the geometry library has it.
-pub(super) fn aabb(lanes: &[CornerLanes], position: &Pose) -> Aabb {
+/// The box around points, `scale` times as far out, at a pose: to the last bit as the geometry library has it.
+pub(super) fn aabb(lanes: &[CornerLanes], scale: f32, position: &Pose) -> Aabb {
     let Quat { x: a, y: b, z: c, w } = position.rotation;
     let (straight, twice) = (w * w - (a * a + b * b + c * c), w * 2.0);
     let [a, b, c, straight, twice] = [a, b, c, straight, twice].map(f32x8::splat);
     let mut low = [f32x8::splat(f32::INFINITY); 3];
     let mut high = [f32x8::splat(f32::NEG_INFINITY); 3];
-    for &[x, y, z] in lanes {
+    for lane in lanes {
+        let [x, y, z] = lane.map(|unit| unit * f32x8::splat(scale));
         let along = (x * a + y * b + z * c) * f32x8::splat(2.0);
         let turned = [
             x * straight + a * along + (b * z - c * y) * twice,

@@ -7,6 +7,7 @@ mod choose;
 mod convex;
 mod corners;
 mod enclose;
+mod facets;
 mod fit;
 mod hull;
 mod kind;
@@ -36,8 +37,9 @@ use std::sync::OnceLock;
 
 pub use convex::hull_mesh;
 pub use corners::corners;
+pub use facets::{EdgesAround, Facet, HullEdge};
 pub use fit::{OrientedBox, oriented_box};
-pub use hull::{EdgesAround, Facet, Hull, HullEdge};
+pub use hull::Hull;
 pub use kind::ShapeKind;
 pub(crate) use lanes::{
     CornerLanes, LANES, PlaneLanes, dot, eight, flat, greater, greatest, heights, outermost, position, top,

@@ -128,7 +128,9 @@ impl World {
         let mesh = self.units.mesh_to_engine(mesh);
         let points: Vec<Vector> = mesh.points.iter().map(|p| p.as_vec3()).collect();
         let core = match Hull::new(&points).filter(|_| is_convex) {
-            Some(hull) => ColliderBuilder::new(SharedShape::new(hull)).friction(friction as f32).user_data(Owner::Core.user_data()),
+            Some(hull) => ColliderBuilder::new(SharedShape::new(hull))
+                .friction(friction as f32)
+                .user_data(Owner::Core.user_data()),
             None => mesh_collider(&mesh, 1.0, friction, ONE_SIDED, Owner::Core)?,
         };
         self.engine.insert_collider(core, None);

@@ -12,6 +12,15 @@ use rayon::prelude::*;
 impl ShapeMeasurer<'_> {
     /// The figures of the shape of a pile of the same props.
     pub fn measure(&self, pile: &Instances) -> ShapeMeasures {
+        self.measure_with(pile, self.protrusion_rel(pile), self.fill_fraction(pile))
+    }
+
+    /// The same at a later time. What is defined right after turning over is taken from `turned_over`.
+    pub fn measure_later(&self, pile: &Instances, turned_over: &ShapeMeasures) -> ShapeMeasures {
+        self.measure_with(pile, turned_over.protrusion_rel, turned_over.fill_fraction)
+    }
+
+    fn measure_with(&self, pile: &Instances, protrusion_rel: f64, fill_fraction: f64) -> ShapeMeasures {
         assert_eq!(pile.props.len(), self.props.len());
         let solid = |s: &SolidCells| PropSolid { source: s.source, volume: s.volume, capped: s.capped };
         ShapeMeasures {
@@ -21,8 +30,8 @@ impl ShapeMeasurer<'_> {
             shape_iou: self.shape_iou(pile),
             height_p95_rel: self.height_p95_rel(pile),
             height_p95_rel_solid: self.height_p95_rel_solid(),
-            protrusion_rel: self.protrusion_rel(pile),
-            fill_fraction: self.fill_fraction(pile),
+            protrusion_rel,
+            fill_fraction,
             control_volume: self.region.volume(),
             solids: self.solids.iter().map(|s| s.as_ref().map(solid)).collect(),
         }

@@ -141,7 +141,7 @@ impl ShapeMeasures {
 }
 
 /// `kept_shape`: the IoU at the end of the hold over the one right after turning over. `None` when that was 0.
-pub fn kept_shape(turned_over: &ShapeMeasures, end: &ShapeMeasures) -> Option<f64> {
+pub fn kept_shape(turned_over: &ShapeMeasures, end: &ShapeIou) -> Option<f64> {
     let start = turned_over.shape_iou.value;
-    (start > 0.0).then(|| end.shape_iou.value / start)
+    (start > 0.0).then(|| end.value / start)
 }

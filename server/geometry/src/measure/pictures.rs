@@ -8,6 +8,7 @@ use crate::mesh::TriMesh;
 use crate::pose::Pose;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Azimuths, evenly over half a turn: a view from behind is the same silhouette, mirrored.
 const AZIMUTHS: usize = 8;
@@ -37,9 +38,9 @@ pub(super) fn silhouette_iou(measurer: &ShapeMeasurer, pile: &Instances) -> f64 
             );
             // Bit 0: the control mesh, bit 1: the pile.
             let mut picture = vec![0u8; frame.len()];
-            view.draw(measurer.control, 1.0, &Pose::IDENTITY, &frame, |i, _| picture[i] |= 1);
+            view.fill(measurer.control, 1.0, &Pose::IDENTITY, &frame, &mut picture, 1);
             for (prop, scale, pose) in pile.bodies {
-                view.draw(&pile.props[*prop], *scale, pose, &frame, |i, _| picture[i] |= 2);
+                view.fill(&pile.props[*prop], *scale, pose, &frame, &mut picture, 2);
             }
             let both = picture.iter().filter(|&&p| p == 3).count();
             let any = picture.iter().filter(|&&p| p != 0).count();
@@ -86,13 +87,28 @@ struct PictureView {
 }
 
 impl PictureView {
+    /// The corners of a body in the picture.
+    fn seen(&self, mesh: &TriMesh, scale: f64, pose: &Pose) -> Vec<DVec2> {
+        let back = pose.rotation.inverse();
+        let [right, up] = [self.right, self.up].map(|a| back * a * scale);
+        let shift = DVec2::new(pose.translation.dot(self.right), pose.translation.dot(self.up));
+        mesh.points.iter().map(|p| DVec2::new(p.dot(right), p.dot(up)) + shift).collect()
+    }
+
+    /// Sets a bit in every pixel of a body.
+    fn fill(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &PixelGrid, picture: &mut [u8], bit: u8) {
+        let seen = self.seen(mesh, scale, pose);
+        for triangle in &mesh.triangles {
+            let set = |pixels: Range<usize>| picture[pixels].iter_mut().for_each(|pixel| *pixel |= bit);
+            frame.spans(triangle.map(|v| seen[v as usize]), set);
+        }
+    }
+
     /// Calls `plot(pixel, depth)` for every pixel of every triangle of a body.
     fn draw(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &PixelGrid, mut plot: impl FnMut(usize, f64)) {
-        let back = pose.rotation.inverse();
-        let [right, up, toward] = [self.right, self.up, self.toward].map(|a| back * a * scale);
-        let shift = DVec2::new(pose.translation.dot(self.right), pose.translation.dot(self.up));
+        let toward = pose.rotation.inverse() * self.toward * scale;
         let height = pose.translation.dot(self.toward);
-        let seen: Vec<DVec2> = mesh.points.iter().map(|p| DVec2::new(p.dot(right), p.dot(up)) + shift).collect();
+        let seen = self.seen(mesh, scale, pose);
         for triangle in &mesh.triangles {
             let corners = triangle.map(|v| seen[v as usize]);
             let [a, b, c] = triangle.map(|v| mesh.points[v as usize].dot(toward) + height);

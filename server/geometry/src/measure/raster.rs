@@ -1,6 +1,7 @@
 //! Pictures of triangles in parallel projection: silhouettes from the side, heights from above.
 
 use glam::DVec2;
+use std::ops::Range;
 
 /// A rectangle of square pixels; pixel `[i, j]` has its centre at `lo + (i + 1/2, j + 1/2) pixel`.
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +26,21 @@ impl PixelGrid {
 
     /// Calls `visit(index, point)` for every pixel of the grid whose centre lies in the triangle.
     pub fn cover(&self, triangle: [DVec2; 3], mut visit: impl FnMut(usize, DVec2)) {
+        self.rows(triangle, |j, columns| {
+            for i in columns {
+                let centre = self.lo + (DVec2::new(i as f64, j as f64) + 0.5) * self.pixel;
+                visit(j * self.width + i, centre);
+            }
+        });
+    }
+
+    /// Calls `visit(indices)` for the pixels of each row whose centres lie in the triangle.
+    pub fn spans(&self, triangle: [DVec2; 3], mut visit: impl FnMut(Range<usize>)) {
+        self.rows(triangle, |j, columns| visit(j * self.width + columns.start..j * self.width + columns.end));
+    }
+
+    /// Calls `visit(row, columns)` for the pixels of each row whose centres lie in the triangle.
+    fn rows(&self, triangle: [DVec2; 3], mut visit: impl FnMut(usize, Range<usize>)) {
         let [a, b, c] = triangle.map(|p| (p - self.lo) / self.pixel - 0.5);
         let (lo, hi) = (a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y));
         let rows = steps(lo, hi, self.height);
@@ -41,16 +57,13 @@ impl PixelGrid {
                     span = (span.0.min(x), span.1.max(x));
                 }
             }
-            for i in steps(span.0, span.1, self.width) {
-                let centre = self.lo + (DVec2::new(i as f64, y) + 0.5) * self.pixel;
-                visit(j * self.width + i, centre);
-            }
+            visit(j, steps(span.0, span.1, self.width));
         }
     }
 }
 
 /// The whole numbers from `lo` to `hi` that are below `n`.
-fn steps(lo: f64, hi: f64, n: usize) -> std::ops::Range<usize> {
+fn steps(lo: f64, hi: f64, n: usize) -> Range<usize> {
     let first = lo.ceil().max(0.0);
     let end = (hi.floor() + 1.0).min(n as f64);
     if first < end { first as usize..end as usize } else { 0..0 }

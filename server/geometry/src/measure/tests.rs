@@ -265,7 +265,7 @@ fn kept_shape_is_a_ratio() {
     let measurer = ShapeMeasurer::new(&control, &region, &Instances { props: &props, bodies: &bodies });
     let start = measurer.measure(&Instances { props: &props, bodies: &bodies });
     let end = measurer.measure(&Instances { props: &props, bodies: &bodies[..bodies.len() / 2] });
-    let kept = kept_shape(&start, &end).unwrap();
+    let kept = kept_shape(&start, &end.shape_iou).unwrap();
     assert!((kept - 0.5).abs() < 0.02, "{kept}");
     let centres = measurer.centres(&Instances { props: &props, bodies: &bodies[..1] });
     assert!(centres[0].distance(DVec3::new(0.25, 0.125, 0.125)) < 1e-9);

@@ -1,7 +1,7 @@
 //! Two convex polyhedra: the points of their contact.
 
 use super::gap::{GapScratch, corners};
-use super::polyhedron::{Small, polyhedron};
+use super::polyhedron::polyhedron;
 use super::separation::{ConvexPair, Search};
 use super::{Constraints, ContactFrame, Few, widest};
 use rapier3d::parry::query::details::NormalConstraintsPair;
@@ -28,9 +28,8 @@ pub(super) fn update_manifold<M, C: Default + Copy>(
     most: usize,
     manifold: &mut ContactManifold<M, C>,
 ) -> Option<f32> {
-    let mut rooms = [Small::EMPTY; 2];
-    let [room_a, room_b] = &mut rooms;
-    let (Some(a), Some(b)) = (polyhedron(shapes[0], room_a), polyhedron(shapes[1], room_b)) else { return None };
+    let (mut room_a, mut room_b) = (None, None);
+    let (a, b) = (polyhedron(shapes[0], &mut room_a)?, polyhedron(shapes[1], &mut room_b)?);
     if manifold.try_update_contacts(pos12) {
         return Some(f32::NEG_INFINITY);
     }

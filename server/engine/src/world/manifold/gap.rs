@@ -1,8 +1,8 @@
 //! The gap between two convex polyhedra, seen along the normal of their contact.
 //!
-//! It is a convex function over the plane across the normal, linear between its corners: those of either polyhedron over
-//! or under a facet of the other, and the crossings of their edges. All of these that are near enough are candidates for
-//! points of the contact.
+//! It is a convex function over the plane across the normal, linear between its corners: those of either polyhedron
+//! over or under a facet of the other, and the crossings of their edges. All of these that are near enough are
+//! candidates for points of the contact.
 
 use super::polyhedron::Polyhedron;
 use super::separation::ConvexPair;
@@ -56,7 +56,7 @@ impl Side {
     fn look(&mut self, of: &Polyhedron, direction: Vector) -> f32 {
         self.facing.clear();
         self.facing.extend(of.planes.iter().map(|plane| dot(&plane.normal, direction)));
-        heights(of.lanes, direction, &mut self.heights)
+        heights(of.lanes, direction * of.scale, &mut self.heights)
     }
 
     fn find_near(&mut self, of: &Polyhedron, least: f32) {
@@ -92,7 +92,7 @@ impl Side {
                 }
             }
             if is_facing {
-                let [from, to] = corners.map(|i| to_frame(of.corners[i as usize]));
+                let [from, to] = corners.map(|i| to_frame(of.corner(i as usize)));
                 edges.push(SideEdge { from, along: to - from, number });
             }
         };
@@ -130,14 +130,16 @@ impl Side {
     /// How far it is from `p` to the surface of this polyhedron, against the direction in which it faces, and the facet
     /// there; negative for a point behind it. `None`: farther than `most`, or the way leads past it.
     fn way_from(&self, of: &Polyhedron, p: Vector, most: f32) -> Option<(f32, u32)> {
-        let ways = self.slopes.iter().map(|slopes| slopes.distances(p));
+        let ways = self.slopes.iter().map(|slopes| slopes.distances(p, 1.0));
         let way = greatest(ways.clone().fold(f32x8::splat(f32::NEG_INFINITY), greater));
         if way > most || way == f32::NEG_INFINITY {
             return None;
         }
         // The point there is inside of all planes, up to rounding.
         let (far, rounding) = (f32x8::splat(way), f32x8::splat(SINGLE_ROUNDING));
-        let is_out = |(plane, facing): (&PlaneLanes, &f32x8)| (plane.distances(p) - far * *facing).simd_gt(rounding).any();
+        let is_out = |(plane, facing): (&PlaneLanes, &f32x8)| {
+            (plane.distances(p, of.scale) - far * *facing).simd_gt(rounding).any()
+        };
         let is_past = of.planes.iter().zip(&self.facing).any(is_out);
         if is_past {
             return None;
@@ -236,7 +238,7 @@ pub(super) fn corners<'a>(
     first.find_facets(a);
     second.find_facets(b);
     for &i in &first.near {
-        let p = a.corners[i as usize];
+        let p = a.corner(i as usize);
         if let Some((way, facet)) = second.way_from(b, pair.to_second(p), most) {
             let at = to_frame * p;
             let features = [PackedFeatureId::vertex(i), PackedFeatureId::face(facet)];
@@ -244,7 +246,7 @@ pub(super) fn corners<'a>(
         }
     }
     for &i in &second.near {
-        let q = pair.to_first(b.corners[i as usize]);
+        let q = pair.to_first(b.corner(i as usize));
         if let Some((way, facet)) = first.way_from(a, q, most) {
             let at = to_frame * q;
             let features = [PackedFeatureId::face(facet), PackedFeatureId::vertex(i)];

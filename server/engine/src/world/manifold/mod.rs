@@ -4,24 +4,26 @@
 //! sliver of its rim, and a tilted stone would sink in by one corner until its face is the one most parallel to the
 //! ground, be pushed back, and rock forever. Here every corner counts; everything else is the engine's.
 
+mod boxes;
 mod convex;
 mod gap;
 mod parts;
 mod plane;
 mod polyhedron;
 mod separation;
+#[cfg(test)]
+mod tests;
 
 use crate::shape::Hull;
 use rapier3d::parry::query::details::{
-    NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_composite_shape_composite_shape,
-    contact_manifolds_trimesh_shape_shapes,
+    NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_trimesh_shape_shapes,
 };
 use rapier3d::parry::query::{
     ClosestPoints, Contact, ContactManifold, ContactManifoldsWorkspace, DefaultQueryDispatcher,
     PersistentQueryDispatcher, QueryDispatcher, ShapeCastHit, ShapeDistance, ShapeIntersection, TrackedContact,
     Unsupported,
 };
-use rapier3d::parry::shape::{PackedFeatureId, Shape};
+use rapier3d::parry::shape::{Cuboid, PackedFeatureId, Shape};
 use rapier3d::prelude::*;
 use smallvec::SmallVec;
 
@@ -63,21 +65,17 @@ where
         manifolds: &mut Vec<ContactManifold<M, C>>,
         workspace: &mut Option<ContactManifoldsWorkspace>,
     ) -> Result<(), Unsupported> {
-        let is_mesh = a.as_trimesh().is_some() || b.as_trimesh().is_some();
-        match (a.as_composite_shape(), b.as_composite_shape()) {
-            (Some(parts), Some(others)) if is_mesh => contact_manifolds_composite_shape_composite_shape(
-                self, pos12, parts, others, prediction, manifolds, workspace,
-            ),
-            _ if is_mesh => {
-                contact_manifolds_trimesh_shape_shapes(self, pos12, a, b, prediction, manifolds, workspace);
+        let is_mesh = [a, b].iter().any(|shape| shape.as_trimesh().is_some());
+        let is_ours = [a, b].iter().any(|shape| shape.as_compound().is_some() || shape.as_shape::<Hull>().is_some());
+        if is_mesh && !is_ours {
+            contact_manifolds_trimesh_shape_shapes(self, pos12, a, b, prediction, manifolds, workspace);
+        } else if is_mesh || [a, b].iter().any(|shape| shape.as_compound().is_some()) {
+            parts::update_manifolds(self, pos12, [a, b], prediction, manifolds, workspace);
+        } else {
+            if manifolds.is_empty() {
+                manifolds.push(ContactManifold::new());
             }
-            (None, None) => {
-                if manifolds.is_empty() {
-                    manifolds.push(ContactManifold::new());
-                }
-                self.update_convex(pos12, [a, b], (None, None), prediction, &mut manifolds[0]);
-            }
-            _ => parts::update_manifolds(self, pos12, [a, b], prediction, manifolds, workspace),
+            self.update_convex(pos12, [a, b], (None, None), prediction, &mut manifolds[0]);
         }
         Ok(())
     }
@@ -127,6 +125,12 @@ impl Manifolds {
                 return distance;
             }
         }
+        if let (Some(first), Some(second)) = (a.as_shape::<Cuboid>(), b.as_shape::<Cuboid>()) {
+            let distance = boxes::distance(pos12, first, second);
+            if distance > prediction && manifold.points.is_empty() {
+                return Some(distance);
+            }
+        }
         let (of_a, of_b) = constraints;
         let _ = DefaultQueryDispatcher.contact_manifold_convex_convex(pos12, a, b, of_a, of_b, prediction, manifold);
         None
@@ -148,10 +152,10 @@ impl ContactFrame {
         self.axes.z_axis
     }
 
-    /// Points of a shape at `pose`.
-    fn of<'a>(&self, points: &'a [Vector], pose: &Pose) -> impl Iterator<Item = Vector> + use<'a> {
+    /// Points of a shape at `pose`, `scale` times as far out.
+    fn of<'a>(&self, points: &'a [Vector], scale: f32, pose: &Pose) -> impl Iterator<Item = Vector> + use<'a> {
         let to_frame = self.axes.transpose();
-        let turned = to_frame * Mat3::from_quat(pose.rotation);
+        let turned = to_frame * Mat3::from_quat(pose.rotation) * scale;
         let origin = to_frame * pose.translation;
         points.iter().map(move |&p| turned * p + origin)
     }

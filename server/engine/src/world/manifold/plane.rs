@@ -21,7 +21,7 @@ pub(super) fn update_manifold<M, C: Default + Copy>(
     let before: Few<TrackedContact<C>> = manifold.points.drain(..).collect();
     let (up, down) = (plane.normal, pose.rotation.inverse() * -plane.normal);
     (manifold.local_n1, manifold.local_n2) = if flipped { (down, up) } else { (up, down) };
-    let lowest = pose.translation.dot(up) - top(body.lanes(), down);
+    let lowest = pose.translation.dot(up) - top(body.unit_lanes(), down * body.scale());
     if lowest > prediction {
         return lowest;
     }
@@ -30,7 +30,7 @@ pub(super) fn update_manifold<M, C: Default + Copy>(
         at: [place.with_z(0.0), place],
         features: [PackedFeatureId::face(0), PackedFeatureId::vertex(index as u32)],
     };
-    let places = frame.of(body.points(), pose).enumerate();
+    let places = frame.of(body.unit_points(), body.scale(), pose).enumerate();
     let near: SmallVec<[ContactCandidate; CANDIDATES]> =
         places.filter(|(_, place)| place.z <= prediction).map(corner).collect();
     manifold.points.extend(widest(&near, most, &before).iter().map(|m| frame.tracked(m, pose, flipped)));

@@ -1,14 +1,14 @@
-//! A convex polyhedron as a contact looks at it: corners and planes side by side, so that the processor looks at several
-//! of them at once, and edges. Hulls have that ready; boxes and triangles are put into it.
+//! A convex polyhedron as a contact looks at it: corners and planes side by side, so that the processor looks at
+//! several of them at once, and edges. Hulls have that ready; boxes and triangles are put into it.
 
-use crate::shape::{CornerLanes, EdgesAround, Hull, HullEdge, LANES, PlaneLanes, eight, outermost};
+use crate::shape::{CornerLanes, EdgesAround, Hull, HullEdge, LANES, PlaneLanes, eight, outermost, top};
 use rapier3d::parry::shape::{Cuboid, Shape, Triangle};
 use rapier3d::prelude::*;
-use wide::f32x8;
 
-/// See the module. In the frame of its shape.
+/// See the module. In the frame of its shape; it is `scale` times as large as its corners and planes say.
 #[derive(Clone, Copy)]
 pub(super) struct Polyhedron<'a> {
+    pub scale: f32,
     pub corners: &'a [Vector],
     pub lanes: &'a [CornerLanes],
     /// Unit normals outwards; the last lanes are filled up with the last plane.
@@ -28,18 +28,27 @@ impl Polyhedron<'_> {
     }
 
     pub fn offset(&self, facet: usize) -> f32 {
-        self.planes[facet / LANES].offset.as_array()[facet % LANES]
+        self.planes[facet / LANES].offset.as_array()[facet % LANES] * self.scale
     }
 
     /// The corner that is outermost in a direction.
     pub fn outermost(&self, direction: Vector) -> Vector {
         // The last lanes are filled up with the last corner.
-        self.corners[outermost(self.lanes, direction).min(self.corners.len() - 1)]
+        self.corner(outermost(self.lanes, direction).min(self.corners.len() - 1))
+    }
+
+    pub fn corner(&self, i: usize) -> Vector {
+        self.corners[i] * self.scale
+    }
+
+    /// The height of the outermost corner in a direction.
+    pub fn top(&self, direction: Vector) -> f32 {
+        top(self.lanes, direction * self.scale)
     }
 
     /// A point inside or on it.
     pub fn middle(&self) -> Vector {
-        self.corners.iter().sum::<Vector>() / self.corners.len() as f32
+        self.corners.iter().sum::<Vector>() * (self.scale / self.corners.len() as f32)
     }
 }
 
@@ -85,36 +94,43 @@ const TRIANGLE_EDGES: [HullEdge; 6] = [
 ];
 
 impl Small {
-    pub(super) const EMPTY: Small = Small {
-        corners: [Vector::ZERO; LANES],
-        count: 0,
-        facets: 0,
-        lanes: [[f32x8::ZERO; 3]; 1],
-        planes: [PlaneLanes { normal: [f32x8::ZERO; 3], offset: f32x8::ZERO }; 1],
-    };
-
-    fn put(&mut self, corners: &[Vector], planes: &[(Vector, f32)]) {
-        (self.count, self.facets) = (corners.len(), planes.len());
-        self.corners[..corners.len()].copy_from_slice(corners);
-        self.lanes[0] = [0, 1, 2].map(|axis| eight(corners, |p| p[axis]));
-        self.planes[0] = PlaneLanes {
-            normal: [0, 1, 2].map(|axis| eight(planes, |plane| plane.0[axis])),
-            offset: eight(planes, |plane| plane.1),
-        };
+    fn new(corners: &[Vector], planes: &[(Vector, f32)]) -> Small {
+        let mut all = [Vector::ZERO; LANES];
+        all[..corners.len()].copy_from_slice(corners);
+        Small {
+            corners: all,
+            count: corners.len(),
+            facets: planes.len(),
+            lanes: [[0, 1, 2].map(|axis| eight(corners, |p| p[axis]))],
+            planes: [PlaneLanes {
+                normal: [0, 1, 2].map(|axis| eight(planes, |plane| plane.0[axis])),
+                offset: eight(planes, |plane| plane.1),
+            }],
+        }
     }
 
     fn seen_with<'a>(&'a self, edges: &'a [HullEdge]) -> Polyhedron<'a> {
-        Polyhedron { corners: &self.corners[..self.count], lanes: &self.lanes, planes: &self.planes, edges, facets: self.facets, around: None }
+        Polyhedron {
+            scale: 1.0,
+            corners: &self.corners[..self.count],
+            lanes: &self.lanes,
+            planes: &self.planes,
+            edges,
+            facets: self.facets,
+            around: None,
+        }
     }
 }
 
-/// A shape as a polyhedron; `room`: for one that is a box or a triangle. `None`: it is none, or a triangle without area.
-pub(super) fn polyhedron<'a>(shape: &'a dyn Shape, room: &'a mut Small) -> Option<Polyhedron<'a>> {
+/// A shape as a polyhedron; `room`: for one that is a box or a triangle. `None`: it is none, or a triangle without
+/// area.
+pub(super) fn polyhedron<'a>(shape: &'a dyn Shape, room: &'a mut Option<Small>) -> Option<Polyhedron<'a>> {
     if let Some(hull) = shape.as_shape::<Hull>() {
         return Some(Polyhedron {
-            corners: hull.points(),
-            lanes: hull.lanes(),
-            planes: hull.planes(),
+            scale: hull.scale(),
+            corners: hull.unit_points(),
+            lanes: hull.unit_lanes(),
+            planes: hull.unit_planes(),
             edges: hull.edges(),
             facets: hull.facets().len(),
             around: Some(hull.around()),
@@ -129,16 +145,20 @@ pub(super) fn polyhedron<'a>(shape: &'a dyn Shape, room: &'a mut Small) -> Optio
             let normal = Vector::AXES[f / 2] * if f % 2 == 1 { 1.0 } else { -1.0 };
             (normal, half[f / 2])
         });
-        room.put(&corners, &planes);
-        return Some(room.seen_with(&BOX_EDGES));
+        return Some(room.insert(Small::new(&corners, &planes)).seen_with(&BOX_EDGES));
     }
     let Triangle { a, b, c } = *shape.as_shape::<Triangle>()?;
     let normal = (b - a).cross(c - a).try_normalize()?;
-    let mut planes = [(normal, a.dot(normal)), (-normal, -a.dot(normal)), Default::default(), Default::default(), Default::default()];
+    let mut planes = [
+        (normal, a.dot(normal)),
+        (-normal, -a.dot(normal)),
+        Default::default(),
+        Default::default(),
+        Default::default(),
+    ];
     for (plane, [from, to]) in planes[2..].iter_mut().zip([[a, b], [b, c], [c, a]]) {
         let out = (to - from).cross(normal).try_normalize()?;
         *plane = (out, from.dot(out));
     }
-    room.put(&[a, b, c], &planes);
-    Some(room.seen_with(&TRIANGLE_EDGES))
+    Some(room.insert(Small::new(&[a, b, c], &planes)).seen_with(&TRIANGLE_EDGES))
 }

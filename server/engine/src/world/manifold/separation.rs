@@ -8,7 +8,7 @@
 
 use super::polyhedron::Polyhedron;
 use super::{APART, NEAR};
-use crate::shape::{HullEdge, LANES, PlaneLanes, greater, greatest, position, top};
+use crate::shape::{HullEdge, LANES, greater, greatest, position};
 use rapier3d::prelude::*;
 use wide::f32x8;
 
@@ -71,17 +71,17 @@ impl Bounds {
         self.witnesses = 0;
     }
 
-    /// Adds a point of the other polyhedron, in this one's frame. `floor`: what is not above it matters no more. Returns
-    /// the face with the highest bound.
-    fn add(&mut self, planes: &[PlaneLanes], p: Vector, floor: f32) -> (usize, f32) {
+    /// Adds a point of the other polyhedron, in this one's frame. `floor`: what is not above it matters no more.
+    /// Returns the face with the highest bound.
+    fn add(&mut self, of: &Polyhedron, p: Vector, floor: f32) -> (usize, f32) {
         self.witnesses += 1;
         let floor = f32x8::splat(floor);
         let mut best = f32x8::splat(f32::NEG_INFINITY);
-        for (word, planes) in planes.chunks(WORD).enumerate() {
+        for (word, planes) in of.planes.chunks(WORD).enumerate() {
             let mut marks = 0;
             for (k, plane) in planes.iter().enumerate() {
                 let number = word * WORD + k;
-                let distance = plane.distances(p);
+                let distance = plane.distances(p, of.scale);
                 let upper = self.upper[number].fast_min(distance);
                 self.upper[number] = upper;
                 best = greater(upper, best);
@@ -100,7 +100,8 @@ impl Bounds {
             let face = face as usize;
             self.marks[witness * words + face / u64::BITS as usize] >> (face % u64::BITS as usize) & 1 == 1
         };
-        let is_open = |e: &HullEdge| (0..self.witnesses).all(|w| is_marked(w, e.facets[0]) || is_marked(w, e.facets[1]));
+        let is_open =
+            |e: &HullEdge| (0..self.witnesses).all(|w| is_marked(w, e.facets[0]) || is_marked(w, e.facets[1]));
         let Some(around) = of.around else {
             return of.edges.iter().filter(|e| is_open(e)).for_each(found);
         };
@@ -162,7 +163,8 @@ impl<'a> ConvexPair<'a> {
         (self.to_first(b.middle()) - a.middle()).normalize_or(Vector::Y)
     }
 
-    /// The outermost points along a direction: of the first along it, of the second against it; in the first one's frame.
+    /// The outermost points along a direction: of the first along it, of the second against it; in the first one's
+    /// frame.
     fn outermost(&self, direction: Vector) -> [Vector; 2] {
         let [a, b] = &self.shapes;
         [a.outermost(direction), self.to_first(b.outermost(-self.turned_to_second(direction)))]
@@ -172,7 +174,7 @@ impl<'a> ConvexPair<'a> {
     pub fn distance_along(&self, direction: Vector) -> f32 {
         let [a, b] = &self.shapes;
         let back = self.turned_to_second(direction);
-        self.shifts[0].dot(direction) - top(b.lanes, -back) - top(a.lanes, direction)
+        self.shifts[0].dot(direction) - b.top(-back) - a.top(direction)
     }
 
     /// The best direction of all; one along which they are farther apart than `prediction`, as soon as there is one.
@@ -186,9 +188,8 @@ impl<'a> ConvexPair<'a> {
         }
         let witnesses = [q, self.to_second(p)];
         let mut best = Separation { direction, distance: f32::NEG_INFINITY };
-        for side in 0..2 {
-            let floor = guessed.distance;
-            self.faces(side, witnesses[side], prediction, floor, &mut search.bounds[side], &mut best);
+        for (side, (witness, bounds)) in witnesses.into_iter().zip(&mut search.bounds).enumerate() {
+            self.faces(side, witness, prediction, guessed.distance, bounds, &mut best);
             if best.distance > prediction {
                 return best;
             }
@@ -215,7 +216,7 @@ impl<'a> ConvexPair<'a> {
         let (of, other) = (&self.shapes[side], &self.shapes[1 - side]);
         let floor = |best: f32| best.max(floor).min(0.0) - APART;
         bounds.begin(of.planes.len());
-        let mut next = bounds.add(of.planes, witness, floor(best.distance));
+        let mut next = bounds.add(of, witness, floor(best.distance));
         loop {
             let (facet, upper) = next;
             if upper <= best.distance + APART {
@@ -236,7 +237,7 @@ impl<'a> ConvexPair<'a> {
             if distance >= upper {
                 return;
             }
-            next = bounds.add(of.planes, far, floor(best.distance));
+            next = bounds.add(of, far, floor(best.distance));
         }
     }
 
@@ -247,7 +248,7 @@ impl<'a> ConvexPair<'a> {
             let of = &self.shapes[side];
             seen.clear();
             search.bounds[side].edges(of, |edge| {
-                let [from, to] = edge.corners.map(|i| of.corners[i as usize]);
+                let [from, to] = edge.corners.map(|i| of.corner(i as usize));
                 let normals = edge.facets.map(|f| of.normal(f as usize));
                 seen.push(match side {
                     0 => SeenEdge { normals, along: to - from, from },
