@@ -104,7 +104,7 @@ fn main() -> Result<()> {
         for (name, gap) in ROWS {
             let pairs: Vec<Pair> = (0..PAIRS).map(|_| pair(corners, gap, &mut rng)).collect::<Result<_>>()?;
             for (remembers, memory) in [(false, "none"), (true, "a step before")] {
-                let (own, points) = time(&pairs, remembers, &Manifolds { most: SOLVED }, |p| [&p.own[0], &p.own[1]]);
+                let (own, points) = time(&pairs, remembers, &Manifolds::new(SOLVED), |p| [&p.own[0], &p.own[1]]);
                 let (engines, theirs) =
                     time(&pairs, remembers, &DefaultQueryDispatcher, |p| [&p.engines[0], &p.engines[1]]);
                 let times = format!("{own:.0} | {engines:.0} | {:.2}", own / engines);

@@ -22,6 +22,8 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
     BTreeMap::from([
         (Count::FillSteps, filled.map_or(0, |filled| filled.steps)),
         (Count::FillBodySteps, filled.map_or(0, |filled| filled.counters.awake_body_steps)),
+        (Count::FillContactLooks, filled.map_or(0, |filled| filled.counters.contact_looks)),
+        (Count::FillContactSkips, filled.map_or(0, |filled| filled.counters.contact_skips)),
         (Count::FillPairSteps, filled.map_or(0, |filled| filled.counters.pair_steps)),
         (Count::FillStepsRecalled, 0),
         (Count::ShakeSteps, filled.and_then(|filled| filled.shaken).map_or(0, |shaken| shaken.steps)),

@@ -75,7 +75,14 @@ impl Report {
         if let Some(steps) = self.counts.insert(Count::FillSteps, 0).filter(|&steps| steps > 0) {
             self.counts.insert(Count::FillStepsRecalled, steps);
         }
-        for count in [Count::FillSteps, Count::FillBodySteps, Count::FillPairSteps] {
+        let of_fill = [
+            Count::FillSteps,
+            Count::FillBodySteps,
+            Count::FillPairSteps,
+            Count::FillContactLooks,
+            Count::FillContactSkips,
+        ];
+        for count in of_fill {
             let all = self.bill.iter_mut().map(|charge| &mut charge.counts).chain([&mut self.counts]);
             all.for_each(|counts| {
                 counts.entry(count).and_modify(|steps| *steps = 0);

@@ -58,7 +58,9 @@ mod validation;
 
 use cairn_input::params::{Physics, Switch};
 use corrections::{bobbing::Bobbing, creep::Creep, rolling::Rolling};
+use manifold::ContactLooks;
 use rapier3d::prelude::PhysicsWorld;
+use std::sync::Arc;
 
 pub use bodies::{BodySize, ClusterId, Insertion, Momentum, Resistance, Role, WorldBody};
 pub use colliders::{BodyId, MovingId};
@@ -92,6 +94,8 @@ pub struct World {
     /// Steps taken.
     pub steps: u64,
     pub counters: WorldCounters,
+    /// A copy counts in the same place.
+    looks: Arc<ContactLooks>,
 }
 
 /// A copy goes on as the world itself would.
@@ -105,6 +109,7 @@ impl Clone for World {
             rolling: self.rolling.clone(),
             creep: self.creep.clone(),
             bobbing: self.bobbing.clone(),
+            looks: self.looks.clone(),
             ..*self
         }
     }
@@ -113,9 +118,11 @@ impl Clone for World {
 impl World {
     /// An empty world. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
     pub fn new(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> World {
+        let (engine, looks) = settings::engine(units, physics, thickness, compounds);
         World {
             units,
-            engine: settings::engine(units, physics, thickness, compounds),
+            engine,
+            looks,
             bodies: bodies::Bodies::default(),
             nails: joints::nails::NailJoints::default(),
             moving: Vec::new(),

@@ -1,6 +1,6 @@
 //! Settings of the engine, each with its reason. Lengths in d, times in characteristic times (see [`Units`]).
 
-use super::manifold::{Manifolds, SOLVED};
+use super::manifold::{ContactLooks, Manifolds, SOLVED};
 use super::units::Units;
 use cairn_geometry::contact::{CARRYING_GAP, REAL_CONTACT};
 use cairn_input::params::{FrictionModel, Physics, Switch, USUAL_THICKNESS};
@@ -31,8 +31,11 @@ const NAIL_FREQUENCY: f64 = 64.0;
 const PROJECTION_STEP: f64 = 0.05;
 
 /// The engine, empty. `thickness`: the smallest of any body, engine units. `compounds`: some body has several parts.
-pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> PhysicsWorld {
-    let narrow_phase = NarrowPhase::with_query_dispatcher(Manifolds { most: SOLVED });
+/// And what counts its looks at contacts.
+pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) -> (PhysicsWorld, Arc<ContactLooks>) {
+    let manifolds = Manifolds::new(SOLVED);
+    let looks = manifolds.looks();
+    let narrow_phase = NarrowPhase::with_query_dispatcher(manifolds);
     let mut engine = PhysicsWorld { gravity: Vector::NEG_Y, narrow_phase, ..PhysicsWorld::new() };
     engine.set_thread_pool(threads());
     let step = units.duration(physics.step);
@@ -58,7 +61,7 @@ pub fn engine(units: Units, physics: &Physics, thickness: f64, compounds: bool) 
         FrictionModel::Simplified => rapier3d::prelude::FrictionModel::Simplified,
         FrictionModel::Coulomb => rapier3d::prelude::FrictionModel::Coulomb,
     };
-    engine
+    (engine, looks)
 }
 
 /// The same engine again, but for its scratch memory.

@@ -34,6 +34,8 @@ pub enum Count {
     EntranceBodies,
     EntranceBounces,
     FillBodySteps,
+    FillContactLooks,
+    FillContactSkips,
     FillPairSteps,
     FillSteps,
     FillStepsRecalled,

@@ -23,13 +23,16 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         }
     })
     .seconds(|spent| spent.of(Stage::Shape)),
-    row(Fill, ByValue("fill.method"), &[FillSteps, FillBodySteps, FillPairSteps], |c| {
-        match c.params.fill.method.traits() {
+    row(
+        Fill,
+        ByValue("fill.method"),
+        &[FillSteps, FillBodySteps, FillPairSteps, FillContactLooks, FillContactSkips],
+        |c| match c.params.fill.method.traits() {
             _ if c.scene.control.is_none() => no("there is no control mesh"),
             method if method.fills => yes(method.summary),
             _ => no("the scene switches it off"),
-        }
-    })
+        },
+    )
     .seconds(|spent| spent.of(Stage::Fill)),
     row(Core, ByValue("fill.shell"), &[CoreTriangles], |c| match (c.params.fill.shell, &c.checked.core) {
         _ if c.scene.control.is_none() => no("there is no control mesh"),

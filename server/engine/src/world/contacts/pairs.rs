@@ -125,7 +125,7 @@ pub(in crate::world) fn points((at1, first): Placed, (at2, second): Placed, limi
     let pos12 = at1.inv_mul(at2);
     let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
     let mut workspace: Option<ContactManifoldsWorkspace> = None;
-    let dispatcher = Manifolds { most: REPORTED };
+    let dispatcher = Manifolds::new(REPORTED);
     let found = dispatcher.contact_manifolds(&pos12, first, second, limit as f32, &mut manifolds, &mut workspace);
     let mut points = Vec::new();
     if found.is_err() {

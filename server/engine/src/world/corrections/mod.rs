@@ -15,6 +15,11 @@ pub struct WorldCounters {
     pub awake_body_steps: u64,
     /// Pairs of near boxes that the engine kept.
     pub pair_steps: u64,
+    /// Pairs of convex parts whose contact was computed, and pairs of bodies that cannot have met since the last look.
+    #[serde(default)]
+    pub contact_looks: u64,
+    #[serde(default)]
+    pub contact_skips: u64,
     /// Bodies whose contacts were found a step ahead.
     pub speculative_body_steps: u64,
     /// Bodies swept along their path.
@@ -37,6 +42,8 @@ impl WorldCounters {
         let WorldCounters {
             awake_body_steps,
             pair_steps,
+            contact_looks,
+            contact_skips,
             speculative_body_steps,
             ccd_body_steps,
             rolling_body_steps,
@@ -47,6 +54,8 @@ impl WorldCounters {
         } = other;
         self.awake_body_steps += awake_body_steps;
         self.pair_steps += pair_steps;
+        self.contact_looks += contact_looks;
+        self.contact_skips += contact_skips;
         self.speculative_body_steps += speculative_body_steps;
         self.ccd_body_steps += ccd_body_steps;
         self.rolling_body_steps += rolling_body_steps;

@@ -26,6 +26,8 @@ use rapier3d::parry::query::{
 use rapier3d::parry::shape::{Cuboid, PackedFeatureId, Shape};
 use rapier3d::prelude::*;
 use smallvec::SmallVec;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// A point whose gap exceeds that of the nearest one by this share of its distance from it is no better than the
 /// nearest: the bodies meet there only after one has turned by as much.
@@ -47,7 +49,39 @@ type Few<T> = SmallVec<[T; REPORTED]>;
 /// The engine's queries, with its own manifolds replaced where a convex polyhedron takes part.
 pub struct Manifolds {
     /// Points of a manifold, at most.
-    pub most: usize,
+    most: usize,
+    looks: Arc<ContactLooks>,
+}
+
+/// Counts of what was looked at.
+#[derive(Debug, Default)]
+pub struct ContactLooks {
+    /// Pairs of convex parts.
+    looks: AtomicU64,
+    /// Pairs of bodies that cannot have met since the last look.
+    skips: AtomicU64,
+}
+
+impl ContactLooks {
+    pub fn looks(&self) -> u64 {
+        self.looks.load(Relaxed)
+    }
+
+    pub fn skips(&self) -> u64 {
+        self.skips.load(Relaxed)
+    }
+}
+
+impl Manifolds {
+    /// `most`: points of a manifold.
+    pub fn new(most: usize) -> Manifolds {
+        Manifolds { most, looks: Arc::default() }
+    }
+
+    /// They go on counting.
+    pub fn looks(&self) -> Arc<ContactLooks> {
+        self.looks.clone()
+    }
 }
 
 impl<M, C> PersistentQueryDispatcher<M, C> for Manifolds
@@ -112,6 +146,7 @@ impl Manifolds {
         M: Default + Clone + Send + Sync,
         C: Default + Copy + Send + Sync,
     {
+        self.looks.looks.fetch_add(1, Relaxed);
         let hulls = (a.as_shape::<Hull>(), b.as_shape::<Hull>());
         if let (Some(plane), Some(body)) = (a.as_halfspace(), hulls.1) {
             return Some(plane::update_manifold(plane, body, pos12, prediction, self.most, manifold, false));

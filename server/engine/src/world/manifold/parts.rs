@@ -10,6 +10,7 @@ use rapier3d::parry::query::details::NormalConstraints;
 use rapier3d::parry::query::{ContactManifold, ContactManifoldsWorkspace, TypedWorkspaceData, WorkspaceData};
 use rapier3d::parry::shape::{Compound, HalfSpace, Shape, TriMesh};
 use rapier3d::prelude::*;
+use std::sync::atomic::Ordering::Relaxed;
 
 /// Parts that are farther apart than this many predictions are not listed as near.
 const NEAR_PARTS: f32 = 8.0;
@@ -206,6 +207,7 @@ pub(super) fn update_manifolds<M: Default + Clone + Send + Sync, C: Default + Co
     }
     let Some(memory) = workspace.as_mut().and_then(|w| w.0.downcast_mut::<PairMemory>()) else { return };
     if is_known && manifolds.is_empty() && pair.moved(&memory.at) < memory.clear {
+        dispatcher.looks.skips.fetch_add(1, Relaxed);
         return;
     }
     if !is_known || pair.moved(&memory.listed_at) >= memory.far {

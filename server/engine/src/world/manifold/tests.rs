@@ -85,7 +85,7 @@ fn separation(a: &Exact, b: &Exact) -> f64 {
 }
 
 fn contact(pose: &Pose, a: &dyn Shape, b: &dyn Shape, manifold: &mut ContactManifold<(), ()>) {
-    let dispatcher = Manifolds { most: REPORTED };
+    let dispatcher = Manifolds::new(REPORTED);
     dispatcher.contact_manifold_convex_convex(pose, a, b, None, None, PREDICTION, manifold).expect("it is supported");
 }
 
@@ -198,7 +198,7 @@ fn parts_that_are_skipped_are_apart() {
         };
         SharedShape::compound((0..4).map(|k| part(k, rng)).collect())
     };
-    let dispatcher = Manifolds { most: REPORTED };
+    let dispatcher = Manifolds::new(REPORTED);
     for _ in 0..12 {
         let (a, b) = (several(&mut rng), several(&mut rng));
         let (start, way, axis) = (direction(&mut rng) * 1.6, direction(&mut rng), direction(&mut rng));

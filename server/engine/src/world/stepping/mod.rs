@@ -42,6 +42,7 @@ impl World {
         self.steps += 1;
         self.counters.awake_body_steps += self.engine.islands.num_active_bodies() as u64;
         self.counters.pair_steps += self.engine.narrow_phase.contact_graph().raw_graph().raw_edges().len() as u64;
+        (self.counters.contact_looks, self.counters.contact_skips) = (self.looks.looks(), self.looks.skips());
         let broken = self.remove_quarantined();
         let World { engine, bodies, counters, .. } = self;
         self.rolling.brake(engine, bodies, counters);
