@@ -8,6 +8,7 @@ use crate::mesh::TriMesh;
 use crate::pose::Pose;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 /// Azimuths, evenly over half a turn: a view from behind is the same silhouette, mirrored.
@@ -24,6 +25,7 @@ pub(super) fn silhouette_iou(measurer: &ShapeMeasurer, pile: &Instances) -> f64 
     let (control_lo, control_hi) = measurer.control_bounds();
     let lo = lo.with_y(control_lo.y);
     let pixel = (control_hi - control_lo).max_element() / PIXELS;
+    let sides = Sides::of(measurer, pile);
     let views: Vec<f64> = (0..AZIMUTHS)
         .into_par_iter()
         .map(|k| {
@@ -38,9 +40,9 @@ pub(super) fn silhouette_iou(measurer: &ShapeMeasurer, pile: &Instances) -> f64 
             );
             // Bit 0: the control mesh, bit 1: the pile.
             let mut picture = vec![0u8; frame.len()];
-            view.fill(measurer.control, 1.0, &Pose::IDENTITY, &frame, &mut picture, 1);
+            view.fill((measurer.control, sides.control), 1.0, &Pose::IDENTITY, &frame, &mut picture, 1);
             for (prop, scale, pose) in pile.bodies {
-                view.fill(&pile.props[*prop], *scale, pose, &frame, &mut picture, 2);
+                view.fill((&pile.props[*prop], sides.props[*prop]), *scale, pose, &frame, &mut picture, 2);
             }
             let both = picture.iter().filter(|&&p| p == 3).count();
             let any = picture.iter().filter(|&&p| p != 0).count();
@@ -78,6 +80,35 @@ pub(super) fn height_rms_rel(measurer: &ShapeMeasurer, pile: &Instances) -> f64 
     (squares / footprint().count().max(1) as f64).sqrt() / measurer.diameter
 }
 
+/// Which triangles of a mesh cover all that it covers: where a line of sight goes into a closed mesh, it comes out again,
+/// so that those that face one side are enough.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    One,
+    Both,
+}
+
+struct Sides {
+    control: Side,
+    /// Shape `[prop]`.
+    props: Vec<Side>,
+}
+
+impl Sides {
+    fn of(measurer: &ShapeMeasurer, pile: &Instances) -> Sides {
+        Sides { control: side(measurer.control), props: pile.props.par_iter().map(side).collect() }
+    }
+}
+
+fn side(mesh: &TriMesh) -> Side {
+    let directed = mesh.triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    let mut balance: BTreeMap<[u32; 2], i32> = BTreeMap::new();
+    for [a, b] in directed {
+        *balance.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
+    }
+    if balance.values().all(|&sum| sum == 0) { Side::One } else { Side::Both }
+}
+
 /// A parallel projection.
 struct PictureView {
     right: DVec3,
@@ -96,11 +127,23 @@ impl PictureView {
     }
 
     /// Sets a bit in every pixel of a body.
-    fn fill(&self, mesh: &TriMesh, scale: f64, pose: &Pose, frame: &PixelGrid, picture: &mut [u8], bit: u8) {
+    fn fill(
+        &self,
+        (mesh, side): (&TriMesh, Side),
+        scale: f64,
+        pose: &Pose,
+        frame: &PixelGrid,
+        picture: &mut [u8],
+        bit: u8,
+    ) {
         let seen = self.seen(mesh, scale, pose);
         for triangle in &mesh.triangles {
-            let set = |pixels: Range<usize>| picture[pixels].iter_mut().for_each(|pixel| *pixel |= bit);
-            frame.spans(triangle.map(|v| seen[v as usize]), set);
+            let corners = triangle.map(|v| seen[v as usize]);
+            let area = (corners[1] - corners[0]).perp_dot(corners[2] - corners[0]);
+            if area > 0.0 || side == Side::Both {
+                let set = |pixels: Range<usize>| picture[pixels].iter_mut().for_each(|pixel| *pixel |= bit);
+                frame.spans(corners, set);
+            }
         }
     }
 
