@@ -14,6 +14,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 const PAIRS: usize = 400;
+const BODIES: usize = 4;
 const ROUNDS: usize = 25;
 /// Up to which gap contacts are looked for, in sizes of a hull.
 const PREDICTION: f32 = 0.02;
@@ -38,42 +39,52 @@ fn direction(rng: &mut Pcg64Mcg) -> Vec3 {
     }
 }
 
-struct Pair {
-    own: [Hull; 2],
-    engines: [ConvexPolyhedron; 2],
+/// A body, as both engines have it.
+struct Body {
+    own: Hull,
+    engines: ConvexPolyhedron,
+}
+
+impl Body {
+    fn new(corners: usize, rng: &mut Pcg64Mcg) -> Result<Body> {
+        let points = hull(corners, rng);
+        let engines = ConvexPolyhedron::from_convex_hull(&points).context("a polyhedron")?;
+        Ok(Body { own: Hull::new(&points).context("a hull")?, engines })
+    }
+}
+
+struct Pair<'b> {
+    bodies: [&'b Body; 2],
     pose: Pose,
     /// The same a step earlier.
     before: Pose,
 }
 
-fn pair(corners: usize, gap: [f32; 2], rng: &mut Pcg64Mcg) -> Result<Pair> {
-    let points = [hull(corners, rng), hull(corners, rng)];
-    let own = |k: usize| Hull::new(&points[k]).context("a hull");
-    let engines = |k: usize| ConvexPolyhedron::from_convex_hull(&points[k]).context("a polyhedron");
+fn pair<'b>(bodies: [&'b Body; 2], gap: [f32; 2], rng: &mut Pcg64Mcg) -> Result<Pair<'b>> {
     let turn = |rng: &mut Pcg64Mcg| Quat::from_axis_angle(direction(rng), rng.random_range(0.0..3.0));
     let (rotation, way) = (turn(rng), direction(rng));
-    let engines = [engines(0)?, engines(1)?];
+    let engines = bodies.map(|body| &body.engines);
     let wanted = rng.random_range(gap[0]..gap[1]);
     // The engine's own distance grows along the way.
     let (mut near, mut far) = (0.0f32, 3.0f32);
     let at = |t: f32| Pose::from_parts(way * t, rotation);
     for _ in 0..40 {
         let middle = (near + far) / 2.0;
-        let contact = rapier3d::parry::query::contact(&Pose::IDENTITY, &engines[0], &at(middle), &engines[1], 5.0)?;
+        let contact = rapier3d::parry::query::contact(&Pose::IDENTITY, engines[0], &at(middle), engines[1], 5.0)?;
         if contact.is_none_or(|c| c.dist > wanted) { far = middle } else { near = middle }
     }
     let pose = at(far);
     let before =
         Pose::from_parts(pose.translation + direction(rng) * MOTION, turn(rng).slerp(Quat::IDENTITY, 0.997) * rotation);
-    Ok(Pair { own: [own(0)?, own(1)?], engines, pose, before })
+    Ok(Pair { bodies, pose, before })
 }
 
 /// Nanoseconds a call, by the least round.
 fn time<'p>(
-    pairs: &'p [Pair],
+    pairs: &'p [Pair<'p>],
     remembers: bool,
     dispatcher: &dyn PersistentQueryDispatcher<(), ()>,
-    shapes: impl Fn(&'p Pair) -> [&'p dyn Shape; 2],
+    shapes: impl Fn(&'p Pair<'p>) -> [&'p dyn Shape; 2],
 ) -> (f64, f64) {
     let (mut least, mut points) = (Duration::MAX, 0);
     for _ in 0..ROUNDS {
@@ -101,12 +112,16 @@ fn main() -> Result<()> {
     println!("| corners | row | memory | ours, ns | engine's, ns | ratio | points | engine's |");
     println!("| ---: | --- | --- | ---: | ---: | ---: | ---: | ---: |");
     for corners in [12, 24, 40] {
+        // Few, as a pile has few props.
+        let bodies: Vec<Body> = (0..BODIES).map(|_| Body::new(corners, &mut rng)).collect::<Result<_>>()?;
         for (name, gap) in ROWS {
-            let pairs: Vec<Pair> = (0..PAIRS).map(|_| pair(corners, gap, &mut rng)).collect::<Result<_>>()?;
+            let of = |k: usize, rng: &mut Pcg64Mcg| pair([&bodies[k % BODIES], &bodies[k / BODIES % BODIES]], gap, rng);
+            let pairs: Vec<Pair> = (0..PAIRS).map(|k| of(k, &mut rng)).collect::<Result<_>>()?;
             for (remembers, memory) in [(false, "none"), (true, "a step before")] {
-                let (own, points) = time(&pairs, remembers, &Manifolds::new(SOLVED), |p| [&p.own[0], &p.own[1]]);
+                let (own, points) =
+                    time(&pairs, remembers, &Manifolds::new(SOLVED), |p| p.bodies.map(|b| &b.own as &dyn Shape));
                 let (engines, theirs) =
-                    time(&pairs, remembers, &DefaultQueryDispatcher, |p| [&p.engines[0], &p.engines[1]]);
+                    time(&pairs, remembers, &DefaultQueryDispatcher, |p| p.bodies.map(|b| &b.engines as &dyn Shape));
                 let times = format!("{own:.0} | {engines:.0} | {:.2}", own / engines);
                 println!("| {corners} | {name} | {memory} | {times} | {points:.1} | {theirs:.1} |");
             }
