@@ -1,20 +1,18 @@
-//! Messages on the wire. A field of a bake's spec that this version does not know is refused: a newer client must not
-//! get another pile from an older server.
+//! Messages on the wire. What would take too much memory is refused before it is decoded, and so is a field of a bake's
+//! spec that this version does not know: a newer client must not get another pile from an older server.
 
-use crate::status::Fault;
-use bytes::{Buf, Bytes};
-use cairn_files::version::VERSION;
-use cairn_wire::proto::{BakeRequest, BatchCreateBakesRequest, CreateBakeRequest, FieldProblem, PlanBakeRequest};
+use crate::bounds;
+use bytes::Buf;
 use cairn_wire::scene_file::schema;
 use prost::Message;
-use prost_reflect::{DynamicMessage, Value};
-use std::any::TypeId;
+use prost_reflect::MessageDescriptor;
 use std::marker::PhantomData;
+use tokio::runtime::{Handle, RuntimeFlavor};
 use tonic::Status;
 use tonic::codec::{BufferSettings, Codec, DecodeBuf, Decoder};
 use tonic_prost::{ProstCodec, ProstEncoder};
 
-/// The usual codec, which also looks for unknown fields.
+/// The usual codec, which looks at requests first.
 pub struct CheckedCodec<T, U>(PhantomData<(T, U)>);
 
 impl<T, U> Default for CheckedCodec<T, U> {
@@ -46,64 +44,34 @@ impl<U: Message + Default + 'static> Decoder for CheckedDecoder<U> {
 
     fn decode(&mut self, buffer: &mut DecodeBuf<'_>) -> Result<Option<U>, Status> {
         let bytes = buffer.copy_to_bytes(buffer.remaining());
-        let message = U::decode(bytes.clone()).map_err(|error| Status::internal(error.to_string()))?;
-        // Without unknown fields, most libraries write the same number of bytes.
-        match name_of_request::<U>().filter(|_| message.encoded_len() != bytes.len()) {
-            Some(name) => check(name, bytes).map(|()| Some(message)),
-            None => Ok(Some(message)),
-        }
-    }
-}
-
-/// The name of a message that has a bake's spec.
-fn name_of_request<U: 'static>() -> Option<&'static str> {
-    let named = [
-        (TypeId::of::<BakeRequest>(), "cairn.v1.BakeRequest"),
-        (TypeId::of::<PlanBakeRequest>(), "cairn.v1.PlanBakeRequest"),
-        (TypeId::of::<CreateBakeRequest>(), "cairn.v1.CreateBakeRequest"),
-        (TypeId::of::<BatchCreateBakesRequest>(), "cairn.v1.BatchCreateBakesRequest"),
-    ];
-    named.into_iter().find(|(id, _)| *id == TypeId::of::<U>()).map(|(_, name)| name)
-}
-
-#[allow(clippy::result_large_err)]
-fn check(name: &str, bytes: Bytes) -> Result<(), Status> {
-    let broken = |error: &dyn std::fmt::Display| Status::internal(error.to_string());
-    let descriptor = schema::pool().get_message_by_name(name).ok_or_else(|| broken(&name))?;
-    let request = DynamicMessage::decode(descriptor, bytes).map_err(|error| broken(&error))?;
-    let mut problems = Vec::new();
-    for name in ["spec", "requests"] {
-        if let Some(spec) = request.get_field_by_name(name) {
-            look(name, &spec, &mut problems);
-        }
-    }
-    if problems.is_empty() { Ok(()) } else { Err(Fault::RequestInvalid(problems).into()) }
-}
-
-/// Looks for unknown fields in a value and all that is in it.
-fn look(path: &str, value: &Value, problems: &mut Vec<FieldProblem>) {
-    match value {
-        Value::Message(message) => {
-            for unknown in message.unknown_fields() {
-                let number = unknown.number();
-                let description = format!(
-                    "{path}: this server (cairn {VERSION}) does not know the field of number {number}: update it, or \
-                     leave the field out"
-                );
-                problems.push(FieldProblem { field: path.into(), description });
+        apart(bytes.len(), || {
+            if let Some(request) = request::<U>() {
+                bounds::check(&request, &bytes, &["spec", "requests"])?;
             }
-            message.fields().for_each(|(field, value)| look(&format!("{path}.{}", field.name()), value, problems));
-        }
-        Value::List(list) => {
-            list.iter().enumerate().for_each(|(index, value)| look(&format!("{path}[{index}]"), value, problems));
-        }
-        _ => {}
+            U::decode(bytes).map(Some).map_err(|error| Status::internal(error.to_string()))
+        })
     }
+}
+
+/// Larger messages take longer to decode than other calls may wait.
+const LONG: usize = 64 << 10;
+
+/// Runs what takes long for a large message, while other threads go on with the calls that this one has.
+fn apart<T>(bytes: usize, run: impl FnOnce() -> T) -> T {
+    let has_others = Handle::try_current().is_ok_and(|now| now.runtime_flavor() == RuntimeFlavor::MultiThread);
+    if bytes > LONG && has_others { tokio::task::block_in_place(run) } else { run() }
+}
+
+/// The schema of a request; `None`: of an answer, which a client reads.
+fn request<U>() -> Option<MessageDescriptor> {
+    let name = std::any::type_name::<U>().rsplit("::").next()?;
+    name.ends_with("Request").then(|| schema::pool().get_message_by_name(&format!("cairn.v1.{name}")))?
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use cairn_wire::proto::PlanBakeRequest;
     use cairn_wire::proto::{BakeSpec, Prop, Scene};
     use tonic::Code;
     use tonic_types::StatusExt;
@@ -137,7 +105,8 @@ mod tests {
             let spec = field(1, &scene);
             BakeSpec::decode(&spec[..]).unwrap();
             let request = [field(1, &spec), after_spec.to_vec()].concat();
-            let checked = check("cairn.v1.PlanBakeRequest", request.into());
+            let checked = bounds::check(&super::request::<PlanBakeRequest>().unwrap(), &request, &["spec", "requests"]);
+            let checked = checked.map_err(Status::from);
             let found: Vec<String> = checked.as_ref().err().map_or(Vec::new(), |status| {
                 assert_eq!(status.code(), Code::InvalidArgument);
                 let details = status.get_error_details();
@@ -145,6 +114,7 @@ mod tests {
             });
             assert_eq!(found, expected);
         }
-        assert_eq!(name_of_request::<PlanBakeRequest>(), Some("cairn.v1.PlanBakeRequest"));
+        assert_eq!(request::<PlanBakeRequest>().unwrap().full_name(), "cairn.v1.PlanBakeRequest");
+        assert!(request::<BakeSpec>().is_none());
     }
 }

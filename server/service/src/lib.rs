@@ -14,6 +14,7 @@ mod access;
 pub mod analysis;
 pub mod api;
 mod audit;
+mod bounds;
 mod calls;
 pub mod client;
 pub mod codec;
@@ -25,6 +26,7 @@ mod folder;
 mod hook;
 #[cfg(feature = "failpoints")]
 pub mod in_process;
+mod incoming;
 mod jobs;
 pub mod listen;
 mod metrics;

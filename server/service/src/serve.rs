@@ -6,6 +6,7 @@ use crate::audit::{Audit, OpenCalls};
 use crate::calls::Service;
 use crate::config::Config;
 use crate::encryption;
+use crate::incoming::Incoming;
 use crate::jobs::Bakes;
 use crate::listen::Listener;
 use crate::secrets::Secrets;
@@ -213,6 +214,7 @@ fn routes(bakes: &Arc<Bakes>, access: &watch::Receiver<Access>, open: &Arc<OpenC
     let broken = |error: tonic_reflection::server::Error| ServeError::Failed(error.to_string());
     let pile = PileServiceServer::new(Service::new(bakes.clone()));
     let pile = pile.max_decoding_message_size(MAX_REQUEST).accept_compressed(CompressionEncoding::Gzip);
+    let pile = Incoming::new(pile);
     Ok(Routes::new(Audit { service: InterceptedService::new(pile, guard.clone()), open: open.clone() })
         .add_service(InterceptedService::new(reflection().build_v1().map_err(broken)?, guard.clone()))
         .add_service(InterceptedService::new(reflection().build_v1alpha().map_err(broken)?, guard)))

@@ -1,6 +1,6 @@
 //! The calls of `cairn.v1.PileService`. No simulation and no long work happens here.
 
-mod pace;
+pub mod pace;
 mod request;
 mod stream;
 
