@@ -1,8 +1,12 @@
 //! Scenes of very many bodies.
 
-use crate::service::server::{Server, accepted_id, assert_fault, content, request, sha256, take};
+use crate::service::server::{Server, accepted_id, assert_fault, content, fields, request, sha256, take};
 use cairn_wire::proto::bake_event::Kind;
-use cairn_wire::proto::{Artifact, AssetReference, BakeSpec, Body, CancelBakeRequest, PlanBakeRequest, Prop, Scene};
+use cairn_wire::proto::{
+    Artifact, AssetReference, BakeSpec, BatchCreateBakesRequest, Body, CancelBakeRequest, CreateBakeRequest,
+    PlanBakeRequest, Prop, Scene,
+};
+use prost::Message;
 use tonic::Code;
 
 /// Cubes far from each other, each with all its values.
@@ -48,4 +52,19 @@ async fn very_many_problems_are_no_fault_of_the_server() {
     let mut connection = server.ready().await;
     let refused = connection.service.bake(request(cubes(50_000, "ball"))).await.unwrap_err();
     assert_fault(&refused, Code::InvalidArgument, "SCENE_INVALID");
+}
+
+/// An empty entry takes two bytes on the wire, and most of a kilobyte as a request.
+#[tokio::test]
+async fn a_request_that_would_fill_the_memory_is_refused() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let requests = vec![CreateBakeRequest::default(); 200_000];
+    let batch = BatchCreateBakesRequest { requests, ..Default::default() };
+    let (bytes, before) = (batch.encoded_len() as u64, server.peak_memory());
+    let refused = connection.service.batch_create_bakes(batch).await.unwrap_err();
+    let details = assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID");
+    assert_eq!(fields(&details), ["requests"]);
+    let now = server.peak_memory();
+    assert!(now <= before + 20 * bytes + (16 << 20), "{before} and {now} for a request of {bytes}");
 }

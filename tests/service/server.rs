@@ -116,6 +116,13 @@ impl Server {
         self.process.wait().unwrap().code()
     }
 
+    /// The most memory that its process has had so far, bytes.
+    pub fn peak_memory(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
+        line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
+    }
+
     /// Its child processes.
     pub fn children(&self) -> Vec<u32> {
         children(self.process.id())

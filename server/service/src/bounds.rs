@@ -218,7 +218,10 @@ mod tests {
 
     fn refused(name: &str, bytes: &[u8]) -> Option<String> {
         match check(&descriptor(name), bytes, &[]) {
-            Err(Fault::RequestInvalid(problems)) => Some(problems[0].field.clone()),
+            Err(Fault::RequestInvalid(problems)) => {
+                assert!(problems[0].description.contains("so many entries in so few bytes take too much memory"));
+                Some(problems[0].field.clone())
+            }
             Err(other) => panic!("{other:?}"),
             Ok(()) => None,
         }
