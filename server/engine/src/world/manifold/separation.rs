@@ -217,9 +217,11 @@ impl<'a> ConvexPair<'a> {
         let floor = |best: f32| best.max(floor).min(0.0) - APART;
         bounds.begin(of.planes.len());
         let mut next = bounds.add(of, witness, floor(best.distance));
-        loop {
+        // Each face is measured once; what is not finite ends it.
+        for _ in 0..of.facets {
             let (facet, upper) = next;
-            if upper <= best.distance + APART {
+            let may_be_better = upper > best.distance + APART;
+            if !may_be_better {
                 return;
             }
             let normal = of.normal(facet);
@@ -234,7 +236,8 @@ impl<'a> ConvexPair<'a> {
                     return;
                 }
             }
-            if distance >= upper {
+            let bounds_more = distance < upper;
+            if !bounds_more {
                 return;
             }
             next = bounds.add(of, far, floor(best.distance));
