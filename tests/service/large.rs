@@ -60,7 +60,7 @@ async fn a_request_that_would_fill_the_memory_is_refused() {
     let server = Server::start(&[]);
     let mut connection = server.ready().await;
     let requests = vec![CreateBakeRequest::default(); 200_000];
-    let batch = BatchCreateBakesRequest { requests, ..Default::default() };
+    let batch = BatchCreateBakesRequest { requests };
     let (bytes, before) = (batch.encoded_len() as u64, server.peak_memory());
     let refused = connection.service.batch_create_bakes(batch).await.unwrap_err();
     let details = assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID");
