@@ -80,8 +80,8 @@ pub(super) fn height_rms_rel(measurer: &ShapeMeasurer, pile: &Instances) -> f64 
     (squares / footprint().count().max(1) as f64).sqrt() / measurer.diameter
 }
 
-/// Which triangles of a mesh cover all that it covers: where a line of sight goes into a closed mesh, it comes out again,
-/// so that those that face one side are enough.
+/// Which triangles of a mesh cover all that it covers: where a line of sight goes into a closed mesh, it comes out
+/// again, so that those that face one side are enough.
 #[derive(Clone, Copy, PartialEq)]
 enum Side {
     One,
