@@ -130,7 +130,8 @@ pub fn visible(
     let wide: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST) * n.unit).collect();
     Visible {
         cut_share: cut as f64 / looked_at.len().max(1) as f64,
-        depth_mean: depths.iter().sum::<f64>() / depths.len().max(1) as f64,
+        // The sum of nothing is a zero below zero.
+        depth_mean: (0.0 + depths.iter().sum::<f64>()) / depths.len().max(1) as f64,
         depth_p95: percentile(&depths, 0.95),
         depth_max: depths.iter().copied().fold(0.0, f64::max),
         gap_p95: (!gaps.is_empty()).then(|| percentile(&gaps, 0.95)),
