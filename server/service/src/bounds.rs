@@ -12,8 +12,8 @@ const TIMES: usize = 16;
 const BESIDES: usize = 8 << 20;
 /// Of a list that grows, as much again is free, for a while.
 const GROWTH: usize = 2;
-/// Messages in each other.
-const DEEPEST: usize = 64;
+/// Messages in each other: more than the decoder takes, so that it refuses what is not looked at to the end.
+const DEEPEST: usize = 128;
 /// Of the system, for each piece of memory.
 const ALLOCATION: usize = 16;
 /// Unknown fields that are named.
@@ -29,7 +29,7 @@ pub struct Bounds {
 
 /// Why a look ends.
 enum End {
-    /// No protobuf: the decoder says what is wrong.
+    /// No protobuf: the decoder ends at the same place, and says what is wrong.
     Malformed,
     TooLarge(String),
 }
@@ -98,7 +98,8 @@ impl Bounds {
                     take(&mut bytes, usize::try_from(length).map_err(|_| End::Malformed)?)?
                 }
                 5 => take(&mut bytes, 4)?,
-                // Groups, which no message has.
+                // A group, which no message has, but which decoders pass over.
+                3 => skip_group(&mut bytes, deeper).map(|()| &[][..])?,
                 _ => return Err(End::Malformed),
             };
             let Some(field) = message.get_field(tag) else {
@@ -199,6 +200,25 @@ fn number(bytes: &mut &[u8]) -> Result<u64, End> {
     Err(End::Malformed)
 }
 
+/// Passes over a group that has begun.
+fn skip_group(bytes: &mut &[u8], deeper: usize) -> Result<(), End> {
+    let deeper = deeper.checked_sub(1).ok_or(End::Malformed)?;
+    loop {
+        match number(bytes)? & 7 {
+            0 => drop(number(bytes)?),
+            1 => drop(take(bytes, 8)?),
+            2 => {
+                let length = number(bytes)?;
+                take(bytes, usize::try_from(length).map_err(|_| End::Malformed)?)?;
+            }
+            3 => skip_group(bytes, deeper)?,
+            4 => return Ok(()),
+            5 => drop(take(bytes, 4)?),
+            _ => return Err(End::Malformed),
+        }
+    }
+}
+
 fn take<'a>(bytes: &mut &'a [u8], length: usize) -> Result<&'a [u8], End> {
     let (value, rest) = bytes.split_at_checked(length).ok_or(End::Malformed)?;
     *bytes = rest;
@@ -251,6 +271,10 @@ mod tests {
         let props = Scene { props: vec![Prop::default(); 100_000], ..Default::default() };
         let plan = PlanBakeRequest { spec: Some(BakeSpec { scene: Some(props), ..Default::default() }) };
         assert_eq!(refused("cairn.v1.PlanBakeRequest", &plan.encode_to_vec()), Some("spec.scene.props".into()));
+        // Behind a group, which decoders pass over.
+        let behind = [&[0x7b, 0x08, 0x01, 0x7c][..], &empty(20_000).encode_to_vec()].concat();
+        assert!(BatchCreateBakesRequest::decode(&behind[..]).is_ok());
+        assert_eq!(refused(name, &behind), Some("requests".into()));
         // Entries of a map, without a key.
         assert_eq!(refused("cairn.v1.CreateBakeRequest", &[0x12, 0x00].repeat(1 << 20)), Some("labels".into()));
         let labels = (0..1000).map(|k| (k.to_string(), String::new())).collect();
