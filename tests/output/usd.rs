@@ -49,6 +49,20 @@ fn bodies_are_instances_of_their_props() {
     assert!(!text.contains("Scenery") && !text.contains("Glue"));
 }
 
+/// An archive is of USD by the name of its first file: documents of offices are archives, too.
+#[test]
+fn archives_of_others_are_no_usd() {
+    let archive = |name: &str| {
+        let head = [&b"PK\x03\x04"[..], &[0; 22], &u16::try_from(name.len()).unwrap().to_le_bytes(), &[0; 2]].concat();
+        [&head[..], name.as_bytes(), b"content"].concat()
+    };
+    for (name, is_usd) in [("pile.usdc", true), ("a/b.USDA", true), ("word/document.xml", false), ("", false)] {
+        assert_eq!(cairn_export::is_usd_content(&archive(name)), is_usd, "{name}");
+    }
+    assert!(!cairn_export::is_usd_content(b"PK\x03\x04") && !cairn_export::is_usd_content(&archive("a.usda")[..31]));
+    assert!(cairn_export::is_usd_content(b"#usda 1.0") && cairn_export::is_usd_content(b"PXR-USDC"));
+}
+
 /// The prim of the pile says how large it is, and what: programs do so without opening it.
 #[test]
 fn the_pile_is_described_as_a_model() {

@@ -56,7 +56,9 @@ impl Fence {
             (false, Some(model)) => format!("outside of the scene's folder, and only {} names it", model.display()),
         };
         let folder = folder_of(&real).display().to_string();
-        let remedy = format!("If you know this file, allow its folder by --allow {folder}, or copy it there.");
+        let remedy = format!(
+            "If you know this file, allow its folder by --allow {folder} (or CAIRN_ALLOW), or copy it beside the scene."
+        );
         let problem = Problem::at(path, what, remedy);
         let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
         if !refused.contains(&problem) {

@@ -196,7 +196,7 @@ mod tests {
 
     fn events() -> Vec<Kind> {
         let accepted = Accepted { bake_id: "a bake".into(), ..Default::default() };
-        let progress = |bodies| Kind::Progress(Progress { bodies, ..Default::default() });
+        let progress = |body_count| Kind::Progress(Progress { body_count, ..Default::default() });
         vec![Kind::Accepted(Box::new(accepted)), progress(1), progress(2), Kind::Summary(Summary::default())]
     }
 

@@ -115,11 +115,12 @@ impl Store {
         let _ = fs::remove_dir_all(root.join("partial"));
         fs::create_dir_all(root.join("partial"))?;
         let assets = entries(&root.join("assets"), is_asset)?;
-        let bakes = entries(&root.join("bakes"), is_bake)?;
-        let newest = assets.iter().chain(&bakes).map(|kept| kept.used).max();
         let names = assets.iter().map(|kept| (kept.name(), kept.bytes));
         let owners = Arc::new(AssetOwners::open(root.join("owners"), names)?);
-        let clock = StoreClock::open(&root.join("clock"), newest);
+        let clock = StoreClock::open(&root.join("clock"), || {
+            let bakes = entries(&root.join("bakes"), is_bake).unwrap_or_default();
+            assets.iter().chain(&bakes).map(|kept| kept.used).max()
+        });
         clock.save()?;
         Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), owners, clock, lock })
     }

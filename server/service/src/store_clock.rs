@@ -17,12 +17,12 @@ pub struct StoreClock {
 impl StoreClock {
     /// Goes on from the file. Without one, from `newest`, the last use of what is in the store, or from the machine's
     /// time if that is earlier or there is nothing.
-    pub fn open(path: &Path, newest: Option<SystemTime>) -> StoreClock {
+    pub fn open(path: &Path, newest: impl FnOnce() -> Option<SystemTime>) -> StoreClock {
         let text = fs::read_to_string(path).unwrap_or_default();
         let kept = text.trim().parse().ok().map(Duration::from_secs);
         let kept = kept.and_then(|since| SystemTime::UNIX_EPOCH.checked_add(since));
         let now = SystemTime::now();
-        let began = kept.unwrap_or_else(|| newest.map_or(now, |newest| newest.min(now)));
+        let began = kept.unwrap_or_else(|| newest().map_or(now, |newest| newest.min(now)));
         StoreClock { path: path.to_owned(), began, since: Instant::now() }
     }
 
@@ -51,16 +51,16 @@ mod tests {
             assert!(apart < Duration::from_secs(60), "{apart:?} apart");
         };
         let now = SystemTime::now();
-        near(StoreClock::open(&path, None).now(), now);
+        near(StoreClock::open(&path, || None).now(), now);
         // The machine's clock has jumped ahead of what is here, or back.
-        near(StoreClock::open(&path, Some(now - days(40))).now(), now - days(40));
-        near(StoreClock::open(&path, Some(now + days(40))).now(), now);
+        near(StoreClock::open(&path, || Some(now - days(40))).now(), now - days(40));
+        near(StoreClock::open(&path, || Some(now + days(40))).now(), now);
         // What the last server knew counts, whatever the machine's clock says.
         for kept in [now - days(40), now + days(40)] {
             StoreClock { path: path.clone(), began: kept, since: Instant::now() }.save().unwrap();
-            near(StoreClock::open(&path, Some(now)).now(), kept);
+            near(StoreClock::open(&path, || Some(now)).now(), kept);
         }
         fs::write(&path, "not a time").unwrap();
-        near(StoreClock::open(&path, None).now(), now);
+        near(StoreClock::open(&path, || None).now(), now);
     }
 }
