@@ -287,6 +287,45 @@ fn what_only_a_scene_names_outside_is_not_sent() {
     }
 }
 
+/// A result is a scene of somebody else, too: that it knows a file in a folder above does not open that folder.
+#[test]
+fn a_result_of_somebody_else_opens_no_folder() {
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["evil", "lib"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    std::fs::write(folder.path().join("known.txt"), "known to all").unwrap();
+    std::fs::write(folder.path().join("lib/private.glb"), content("stick.glb")).unwrap();
+    std::fs::write(folder.path().join("evil/cone.glb"), content("cone-small.glb")).unwrap();
+    let known = |uri: &str, content: &[u8]| serde_json::json!({ "uri": uri, "sha256": sha256(content) });
+    let private = || known("lib/private.glb", &content("stick.glb"));
+    for (assets, names_it) in [
+        (vec![], "../lib/private.glb"),
+        (vec![known("known.txt", b"known to all")], "lib/private.glb"),
+        // Who knows a file by its hash learns nothing new from it.
+        (vec![known("evil/cone.glb", &content("cone-small.glb")), private()], "lib/private.glb"),
+    ] {
+        let control = if names_it.starts_with("..") { "cone.glb" } else { "evil/cone.glb" };
+        let is_known = assets.len() == 2;
+        let scene = serde_json::json!({
+            "control_mesh": control, "props": [names_it], "accuracy": "draft", "fill": { "count": 12 },
+        });
+        let versions = serde_json::json!({});
+        let origin = serde_json::json!({
+            "scene": scene, "assets": assets, "versions": versions, "result_blake3": "", "request_blake3": "",
+        });
+        let result = serde_json::json!({ "frames": [], "cairn": origin });
+        std::fs::write(folder.path().join("evil/pile.json"), result.to_string()).unwrap();
+        let mut command = Command::new(PROGRAM);
+        command.args(["plan", "pile.json", "--server", &server.addresses[0]]).env_remove("CAIRN_ALLOW");
+        let done = command.current_dir(folder.path().join("evil")).output().unwrap();
+        let printed = String::from_utf8(done.stderr).unwrap();
+        let is_refused = done.status.code() == Some(65) && printed.contains("and only the scene names it");
+        assert!(if is_known { done.status.success() } else { is_refused }, "{names_it}: {printed}");
+    }
+}
+
 /// What the user names by a flag is sent, and what lies in an allowed folder, by a flag or a setting.
 #[test]
 fn what_is_named_or_allowed_is_sent() {

@@ -18,9 +18,13 @@ const PIECE: usize = 300 << 10;
 const CALLERS: &str = "
 [[project]]
 name = 'dune'
+store_mib = 1
 
 [[project]]
 name = 'heat'
+
+[[project]]
+name = 'mars'
 
 [[caller]]
 name = 'anna'
@@ -42,9 +46,19 @@ token = 'token of dora'
 project = 'dune'
 
 [[caller]]
+name = 'ed'
+token = 'token of ed'
+project = 'dune'
+
+[[caller]]
 name = 'hal'
 token = 'token of hal'
 project = 'heat'
+
+[[caller]]
+name = 'mia'
+token = 'token of mia'
+project = 'mars'
 ";
 
 fn start(folder: &Path, arguments: &[&str]) -> Server {
@@ -114,6 +128,30 @@ async fn uploads_count_and_cost_nobody_else_a_bake() {
     assert!(evicted.iter().all(|line| !line.contains("owner=\"ben\"")), "{evicted:?}");
 }
 
+/// What members upload counts toward their project, before a restart and after it.
+#[tokio::test]
+async fn uploads_count_toward_the_project() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut server = start(folder.path(), &[]);
+    let mut dora = known(&server, "dora").await;
+    for number in 0..3 {
+        upload(&mut dora, number, PIECE).await.unwrap();
+    }
+    let mut ed = known(&server, "ed").await;
+    // Her uploads are not his: nothing of his own makes room.
+    let refused = upload(&mut ed, 9, PIECE).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
+    assert!(refused.message().contains("project dune may keep 1048576 bytes"), "{refused:?}");
+    server.signal("-KILL");
+    server.wait();
+    let next = start(folder.path(), &[]);
+    let refused = upload(&mut known(&next, "ed").await, 9, PIECE).await.unwrap_err();
+    assert_fault(&refused, Code::ResourceExhausted, "CALLER_LIMIT");
+    // Hers do.
+    upload(&mut known(&next, "dora").await, 8, PIECE).await.unwrap();
+    assert_eq!(kept(&next), 3 * PIECE as u64);
+}
+
 /// Her uploads count toward the limit of her bakes, too.
 #[tokio::test]
 async fn a_bake_is_refused_where_uploads_take_all() {
@@ -179,7 +217,7 @@ async fn a_bake_that_others_want_is_paid_by_them() {
     assert_eq!(status(&mut ben, &shared).await.state(), BakeState::Succeeded);
 }
 
-/// A bake whose fill is in the cache has no such stage: that would tell one project of another one's work.
+/// A bake whose fill is in the cache has no such stage: that would show one project the work of another work.
 #[tokio::test]
 async fn the_cache_of_one_project_is_not_that_of_another() {
     let folder = tempfile::tempdir().unwrap();
@@ -194,9 +232,9 @@ async fn the_cache_of_one_project_is_not_that_of_another() {
         let counts = bake.summary.unwrap().counts;
         ["fill_steps_recalled", "steps_recalled"].map(|name| counts.get(name).copied().unwrap_or(0))
     };
-    assert_eq!(recalled("dora", 4).await, [0, 0]);
-    assert!(recalled("dora", 5).await[0] > 0, "her own project has it");
     assert_eq!(recalled("hal", 4).await, [0, 0]);
+    assert!(recalled("hal", 5).await[0] > 0, "its own project has it");
+    assert_eq!(recalled("mia", 4).await, [0, 0]);
     assert_eq!(recalled("ben", 5).await, [0, 0]);
 }
 

@@ -164,7 +164,7 @@ impl Store {
         self.root.join("bakes").join(id)
     }
 
-    /// The cache of a project, or of what has none. A common one would tell another project's work, since a bake from
+    /// The cache of a project, or of what has none. A common one would show another project's work, since a bake from
     /// the cache has no stage of the fill.
     pub fn cache(&self, project: &str) -> PathBuf {
         let cache = self.root.join(CACHE);
