@@ -121,7 +121,9 @@ impl Store {
             let bakes = entries(&root.join("bakes"), is_bake).unwrap_or_default();
             assets.iter().chain(&bakes).map(|kept| kept.used).max()
         });
-        clock.save()?;
+        if let Err(error) = clock.save() {
+            warn!(%error, "the time of the store could not be saved");
+        }
         Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), owners, clock, lock })
     }
 
@@ -202,10 +204,15 @@ impl Store {
         self.check_here()?;
         upload.file.as_file().sync_all()?;
         failpoints::at("upload-rename")?;
-        let path = self.asset(sha256, &account.project);
-        upload.file.persist(&path)?;
+        let (path, name) = (self.asset(sha256, &account.project), asset_name(sha256, &account.project));
+        let is_new = self.owners.add(&name, account, upload.bytes)?;
+        if let Err(error) = upload.file.persist(&path) {
+            if is_new {
+                self.owners.remove(&name);
+            }
+            return Err(error.into());
+        }
         self.mark_used(&path)?;
-        self.owners.add(&asset_name(sha256, &account.project), account, upload.bytes)?;
         sync_folder(&self.root.join("assets"))?;
         Ok(true)
     }

@@ -99,7 +99,7 @@ fn entries_age_by_the_time_of_the_store() {
     // 40 days of a server, by its own time.
     drop(store);
     let later = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap().as_secs();
-    fs::write(folder.path().join("data/clock"), later.to_string()).unwrap();
+    fs::write(folder.path().join("data/clock"), format!("{later}\n")).unwrap();
     let store = Store::open(&config).unwrap();
     store.trim(&Keeper(&store, &[], ""), &none).unwrap();
     assert!(names(&store).is_empty());
