@@ -25,7 +25,7 @@ scene = {
 
 
 async def main(work):
-    params = StdioServerParameters(command=program, args=["mcp"])
+    params = StdioServerParameters(command=program, args=["mcp", "--folder", str(work)])
     async with stdio_client(params) as (read, write), ClientSession(read, write) as session:
         await session.initialize()
         tools = {tool.name: tool for tool in (await session.list_tools()).tools}
@@ -75,7 +75,8 @@ async def main(work):
 
 def cancel(work):
     """A bake that is cancelled ends its process, and leaves nothing behind."""
-    with subprocess.Popen([program, "mcp"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
+    command = [program, "mcp", "--folder", str(work)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
 
         def send(method, **message):
             server.stdin.write(json.dumps({"jsonrpc": "2.0", "method": method} | message) + "\n")

@@ -67,6 +67,31 @@ fn manifest(room: &str) -> String {
     if room == "src" { "Cargo.toml".into() } else { format!("server/{room}/Cargo.toml") }
 }
 
+/// Each point of `SECURITY.md` names its tests, which exist.
+#[test]
+fn every_promise_of_security_names_its_tests() {
+    let page = read("SECURITY.md");
+    let page = page.split("## What is trusted").nth(1).expect("the page says what is trusted");
+    let sources: String = ["server", "tests"].iter().flat_map(|folder| files(folder, ".rs")).map(read).collect();
+    let mut points: Vec<String> = Vec::new();
+    for line in page.split("## Supply chain").next().unwrap_or_default().lines() {
+        match (line.strip_prefix("- "), points.last_mut()) {
+            (Some(first), _) => points.push(first.to_owned()),
+            (None, Some(point)) if line.starts_with("  ") => *point += line,
+            _ => {}
+        }
+    }
+    assert!(points.len() > 10, "{points:?}");
+    for point in points {
+        let tests = point.split("Tests: ").nth(1).unwrap_or_default();
+        let names: Vec<&str> = tests.split('`').skip(1).step_by(2).collect();
+        assert!(!names.is_empty(), "no test is named: {point}");
+        for name in names {
+            assert!(sources.contains(&format!("fn {name}(")), "there is no test {name}: {point}");
+        }
+    }
+}
+
 #[test]
 fn a_room_uses_only_rooms_above_it_in_the_map() {
     let rooms = rooms();

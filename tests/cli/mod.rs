@@ -11,6 +11,7 @@ mod effects;
 mod examples;
 mod faults;
 mod goals;
+mod mcp;
 mod measures;
 mod messages;
 mod models;

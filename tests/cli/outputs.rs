@@ -220,3 +220,38 @@ fn a_view_is_written_as_arrays() {
     removals(removal(1)).fails(65, &["not a report: a removal names a body that is not there"]);
     removals(removal(0)).fails(65, &["states no frame rate"]);
 }
+
+/// A result in JSON is a scene as a `.glb` is, and a scene file in JSON stays one.
+#[test]
+fn results_in_json_are_scenes() {
+    let desk = Desk::new();
+    desk.line(&format!("bake {SCENE} -o pile.json -q")).ok();
+    desk.line(&format!("bake {SCENE} -o pile.glb -q")).ok();
+    desk.line("bake pile.json -o again.glb -q").ok();
+    let read = |name: &str| std::fs::read(desk.path(name)).unwrap();
+    assert!(read("again.glb") == read("pile.glb"));
+    assert!(desk.line("verify pile.json").ok().contains("pile.json: the same"));
+    let text = String::from_utf8(read("pile.json")).unwrap();
+    desk.write("pile.json", text.replacen("\"fps\":", "\"fps\": ", 1));
+    let done = desk.line("verify pile.json");
+    assert_eq!((done.code, done.stdout.contains("DIFFERS")), (1, true), "{}", done.stdout);
+    let scene = desk.line(&format!("scene {SCENE} --json")).ok();
+    desk.write("scene.json", scene);
+    desk.line("bake scene.json -o third.glb -q").ok();
+    assert!(read("third.glb") == read("pile.glb"));
+}
+
+/// What holds no scene says so.
+#[test]
+fn some_results_cannot_be_verified() {
+    let desk = Desk::new();
+    for name in ["pile.csv", "pile.xml", "pile.pack.zip"] {
+        desk.write(name, "any");
+        let ending = name.trim_start_matches("pile");
+        let what = format!("a {ending} cannot be verified: it does not hold its scene");
+        desk.line(&format!("verify {name}")).fails(65, &[&what, "compare output_blake3"]);
+    }
+    std::fs::create_dir(desk.path("pack")).unwrap();
+    desk.write("pack/manifest.json", "{}");
+    desk.line("verify pack").fails(65, &["a pack cannot be verified"]);
+}

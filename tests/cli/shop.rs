@@ -200,12 +200,11 @@ pub fn shop() -> Desk {
     let mut locked = std::fs::metadata(desk.path("locked.json")).unwrap().permissions();
     locked.set_readonly(true);
     std::fs::set_permissions(desk.path("locked.json"), locked).unwrap();
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
     #[cfg(unix)]
-    std::os::unix::fs::symlink(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets/cone-small.glb"),
-        desk.path("linked.glb"),
-    )
-    .unwrap();
+    std::os::unix::fs::symlink(assets.join("cone-small.glb"), desk.path("linked.glb")).unwrap();
+    let far = json!({ "control_mesh": "cone.glb", "props": [assets.join("stick.glb")] });
+    desk.write("far.json", far.to_string());
     // What a result leaves out.
     let pictured = |json: &mut Value, uri: &str| {
         json["meshes"][0]["primitives"][0]["material"] = json!(0);

@@ -1,4 +1,4 @@
-//! Bakes written as USD. That USD's own library reads the same is tested in `tests/usd`.
+//! Bakes written as USD. Long: one helper reads all. That USD's own library reads the same is tested in `tests/usd`.
 
 use crate::output::files::{self, PNG, far_from_its_origin, kit, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::bake::BakedPile;
@@ -47,6 +47,67 @@ fn bodies_are_instances_of_their_props() {
     }
     assert_eq!(lines(&text, "displayName = \"kit/cube.glb\"").len(), 1);
     assert!(!text.contains("Scenery") && !text.contains("Glue"));
+}
+
+/// An archive is of USD by the name of its first file: documents of offices are archives, too.
+#[test]
+fn archives_of_others_are_no_usd() {
+    let archive = |name: &str| {
+        let head = [&b"PK\x03\x04"[..], &[0; 22], &u16::try_from(name.len()).unwrap().to_le_bytes(), &[0; 2]].concat();
+        [&head[..], name.as_bytes(), b"content"].concat()
+    };
+    for (name, is_usd) in [("pile.usdc", true), ("a/b.USDA", true), ("word/document.xml", false), ("", false)] {
+        assert_eq!(cairn_export::is_usd_content(&archive(name)), is_usd, "{name}");
+    }
+    assert!(!cairn_export::is_usd_content(b"PK\x03\x04") && !cairn_export::is_usd_content(&archive("a.usda")[..31]));
+    assert!(cairn_export::is_usd_content(b"#usda 1.0") && cairn_export::is_usd_content(b"PXR-USDC"));
+}
+
+/// The prim of the pile says how large it is, and what: programs do so without opening it.
+#[test]
+fn the_pile_is_described_as_a_model() {
+    let cube = textured_cube();
+    let origin = json!({ "scene": {}, "assets": [], "versions": {}, "result_blake3": "0123abcd" });
+    let scene = |layout: Layout| ExportScene {
+        props: vec![prop("cube.glb", &cube)],
+        origin: Some(&origin),
+        layout,
+        ..Default::default()
+    };
+    let pile = far_from_its_origin(3);
+    let plain = text(&pile, &scene(Layout::default()));
+    assert_eq!(lines(&plain, "prepend apiSchemas")[0], "prepend apiSchemas = [\"GeomModelAPI\"]");
+    let numbers = |line: &str| -> Vec<f64> {
+        let list = line.split_once('=').unwrap().1;
+        let words = list.split(|c: char| !(c.is_ascii_digit() || "-.e+".contains(c))).filter(|word| !word.is_empty());
+        words.map(|word| word.parse().unwrap()).collect()
+    };
+    let hint = |text: &str| numbers(lines(text, "float3[] extentsHint")[0]);
+    let all = hint(&plain);
+    assert_eq!(all.len(), 6, "{all:?}");
+    // The boxes of all frames together are in it, and no room beside them.
+    let at = plain.find("extent.timeSamples").unwrap();
+    let boxes: Vec<Vec<f64>> = plain[at..]
+        .lines()
+        .skip(1)
+        .take_while(|line| line.contains(": ["))
+        .map(|line| numbers(&line.replacen(':', "=", 1)))
+        .collect();
+    assert!(boxes.len() == 3 && boxes.iter().all(|sides| sides.len() == 6), "{boxes:?}");
+    for axis in 0..3 {
+        let low = boxes.iter().map(|sides| sides[axis]).fold(f64::INFINITY, f64::min);
+        let high = boxes.iter().map(|sides| sides[axis + 3]).fold(f64::NEG_INFINITY, f64::max);
+        assert!((all[axis] - low).abs() < 1e-6 && (all[axis + 3] - high).abs() < 1e-6, "{all:?}, {boxes:?}");
+    }
+    let at = plain.find("assetInfo = {").unwrap();
+    let info: Vec<&str> = plain[at..].lines().map(str::trim).take(4).collect();
+    for line in ["string name = \"Pile\"", "string version = \"0123abcd\""] {
+        assert!(info.contains(&line), "{info:?}");
+    }
+    // The third of four boxes is that of proxies; the others are empty.
+    let proxy = text(&pile, &scene(Layout { purpose: Some("proxy"), ..Layout::default() }));
+    let boxes = hint(&proxy);
+    assert!(boxes.len() == 18 && boxes[12..] == all[..] && boxes[0] > 1e38 && boxes[3] < -1e38, "{boxes:?}");
 }
 
 #[test]

@@ -200,10 +200,163 @@ fn a_model_behind_a_link_is_not_sent() {
         assert!(code == 65 && printed.contains("a link that leads out of the scene"), "{printed}");
     }
     assert_eq!(std::fs::read_dir(server.path("data/assets")).unwrap().count(), 0, "nothing was sent");
-    // A link that stays in the folder is as good as the file.
-    scene("../library/stick.glb");
-    let (code, printed) = run("pile.toml", "scene");
+    // A link that stays in the folder is as good as the file, and so is any where its target is allowed.
+    let (code, printed) = run("pile.toml --allow ../library", "scene");
     assert_eq!(code, 0, "{printed}");
+}
+
+/// A file outside that only a scene or a model names is not sent, whoever can read it; and nothing is sent that is not
+/// a model by its content.
+#[test]
+fn what_only_a_scene_names_outside_is_not_sent() {
+    const KEY: &str = "-----BEGIN OPENSSH PRIVATE KEY-----\nb3BlbnNzaC1rZXktdjEAAAAA\n";
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["scene", "outside"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("scene/cone.glb", &content("cone-small.glb"));
+    write("scene/stick.glb", &content("stick.glb"));
+    write("outside/stick.glb", &content("stick.glb"));
+    write("outside/id_rsa", KEY.as_bytes());
+    write("scene/id_rsa", KEY.as_bytes());
+    write("scene/notes.json", br#"{ "password": "secret" }"#);
+    write("outside/pass.png", b"\x89PNG\r\n\x1a\nrest");
+    write("outside/secret.usda", b"#usda 1.0\n(defaultPrim = \"a\")\ndef Mesh \"a\" {}\n");
+    write(
+        "scene/link.usda",
+        b"#usda 1.0\n(defaultPrim = \"a\")\ndef \"a\" (references = @../outside/secret.usda@) {}\n",
+    );
+    write("scene/painted.gltf", painted("../outside/pass.png", 0.2).as_bytes());
+    let buffers = |uri: &str| {
+        let mut json: serde_json::Value = serde_json::from_str(&painted("none.png", 0.2)).unwrap();
+        json["buffers"][0]["uri"] = uri.into();
+        json.to_string()
+    };
+    write("scene/greedy.gltf", buffers("id_rsa").as_bytes());
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        let private = std::fs::Permissions::from_mode(0o600);
+        std::fs::set_permissions(folder.path().join("outside/id_rsa"), private).unwrap();
+    }
+    let run = |command: &str, line: &str, allowed: &str| {
+        let mut run = Command::new(PROGRAM);
+        run.arg(command).args(line.split_whitespace());
+        match command {
+            "scene" => run.args(["--request", "sent"]),
+            "bake" => run.args(["-o", "pile.glb", "--server", &server.addresses[0]]),
+            _ => run.args(["--server", &server.addresses[0]]),
+        };
+        run.env("CAIRN_ALLOW", allowed).current_dir(folder.path().join("scene"));
+        let done = run.output().unwrap();
+        (done.status.code().unwrap(), String::from_utf8(done.stderr).unwrap())
+    };
+    let sent = || std::fs::read_dir(server.path("data/assets")).unwrap().count();
+    let whole = folder.path().join("outside/stick.glb").display().to_string();
+    let by_scene = |prop: &str| {
+        let text = "accuracy = 'draft'\ncontrol_mesh.path = 'cone.glb'\nfill.count = 12\n";
+        write("scene/pile.toml", format!("{text}[[props]]\npath = '{prop}'\n").as_bytes());
+        "pile.toml".to_owned()
+    };
+    let by_flag = |prop: &str| format!("--control cone.glb --accuracy draft --set fill.count=12 --prop {prop}");
+    let outside = "outside of the scene's folder, and only";
+    for (prop, is_by_flag, more, words) in [
+        ("../outside/id_rsa", false, "", outside),
+        ("../outside/stick.glb", false, "", outside),
+        (&*whole, false, "", outside),
+        ("painted.gltf", false, "", "and only painted.gltf names it"),
+        ("painted.gltf", true, "", "and only painted.gltf names it"),
+        ("link.usda", false, "", "and only link.usda names it"),
+        ("../outside/id_rsa", true, "", "this is not glTF"),
+        ("../outside/id_rsa", false, "--allow ../outside", "this is not glTF"),
+        ("id_rsa", false, "", "this is not glTF"),
+        ("notes.json", false, "", "this is not glTF; it looks like some other JSON"),
+        ("greedy.gltf", false, "", "a model names it as its buffer, but its name is not that of one"),
+        ("stick.glb", true, "--allow nowhere", "there is no folder nowhere"),
+    ] {
+        let line = if is_by_flag { by_flag(prop) } else { by_scene(prop) };
+        for command in ["bake", "plan", "scene"] {
+            let (code, printed) = run(command, &format!("{line} {more}"), "");
+            let expected = if words.contains("nowhere") { 2 } else { 65 };
+            assert!(code == expected && printed.contains(words), "{command} {prop}: {code} {printed}");
+            assert!(!folder.path().join("scene/sent").exists(), "{command} {prop}");
+        }
+        assert_eq!(sent(), 0, "{prop}");
+    }
+}
+
+/// A result is a scene of somebody else, too: that it knows a file in a folder above does not open that folder.
+#[test]
+fn a_result_of_somebody_else_opens_no_folder() {
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["evil", "lib"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    std::fs::write(folder.path().join("known.txt"), "known to all").unwrap();
+    std::fs::write(folder.path().join("lib/private.glb"), content("stick.glb")).unwrap();
+    std::fs::write(folder.path().join("evil/cone.glb"), content("cone-small.glb")).unwrap();
+    let known = |uri: &str, content: &[u8]| serde_json::json!({ "uri": uri, "sha256": sha256(content) });
+    let private = || known("lib/private.glb", &content("stick.glb"));
+    for (assets, names_it) in [
+        (vec![], "../lib/private.glb"),
+        (vec![known("known.txt", b"known to all")], "lib/private.glb"),
+        // Who knows a file by its hash learns nothing new from it.
+        (vec![known("evil/cone.glb", &content("cone-small.glb")), private()], "lib/private.glb"),
+    ] {
+        let control = if names_it.starts_with("..") { "cone.glb" } else { "evil/cone.glb" };
+        let is_known = assets.len() == 2;
+        let scene = serde_json::json!({
+            "control_mesh": control, "props": [names_it], "accuracy": "draft", "fill": { "count": 12 },
+        });
+        let versions = serde_json::json!({});
+        let origin = serde_json::json!({
+            "scene": scene, "assets": assets, "versions": versions, "result_blake3": "", "request_blake3": "",
+        });
+        let result = serde_json::json!({ "frames": [], "cairn": origin });
+        std::fs::write(folder.path().join("evil/pile.json"), result.to_string()).unwrap();
+        let mut command = Command::new(PROGRAM);
+        command.args(["plan", "pile.json", "--server", &server.addresses[0]]).env_remove("CAIRN_ALLOW");
+        let done = command.current_dir(folder.path().join("evil")).output().unwrap();
+        let printed = String::from_utf8(done.stderr).unwrap();
+        let is_refused = done.status.code() == Some(65) && printed.contains("and only the scene names it");
+        assert!(if is_known { done.status.success() } else { is_refused }, "{names_it}: {printed}");
+    }
+}
+
+/// What the user names by a flag is sent, and what lies in an allowed folder, by a flag or a setting.
+#[test]
+fn what_is_named_or_allowed_is_sent() {
+    let server = Server::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["scene", "kit"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.path().join(name), bytes).unwrap();
+    write("scene/cone.glb", &content("cone-small.glb"));
+    write("kit/stick.glb", &content("stick.glb"));
+    write("kit/red.png", b"\x89PNG\r\n\x1a\nrest");
+    write("kit/painted.gltf", painted("red.png", 0.2).as_bytes());
+    let text = "accuracy = 'draft'\ncontrol_mesh.path = 'cone.glb'\nfill.count = 12\n";
+    write("scene/pile.toml", format!("{text}[[props]]\npath = '../kit/stick.glb'\n").as_bytes());
+    let flags = "--control cone.glb --accuracy draft --set fill.count=12";
+    let kit = folder.path().join("kit").display().to_string();
+    for (line, allowed) in [
+        (format!("{flags} --prop ../kit/stick.glb"), ""),
+        (format!("{flags} --prop stick.glb --set props.0.path=../kit/stick.glb"), ""),
+        // A model that the user names has its own folder.
+        (format!("{flags} --prop ../kit/painted.gltf"), ""),
+        ("pile.toml --prop ../kit/stick.glb".to_owned(), ""),
+        ("pile.toml --allow ../kit".to_owned(), ""),
+        ("pile.toml".to_owned(), &*kit),
+    ] {
+        let mut command = Command::new(PROGRAM);
+        command.arg("plan").args(line.split_whitespace()).args(["--server", &server.addresses[0]]);
+        let done = command.env("CAIRN_ALLOW", allowed).current_dir(folder.path().join("scene")).output().unwrap();
+        assert!(done.status.success(), "{line}: {}", String::from_utf8_lossy(&done.stderr));
+    }
 }
 
 /// A result that has changed on disk is not delivered, whether the server or only its caller can detect it.

@@ -1,13 +1,13 @@
 //! Foreign changes in a server's folder: other files, and truncated, emptied or changed ones.
 
 use crate::service::server::{
-    Server, accepted_id, assert_fault, channel, events, numbered, request, short, status, watch,
+    Server, accepted_id, assert_fault, channel, content, events, numbered, request, sha256, short, status, watch,
 };
 use cairn_service::api::pile_service_client::PileServiceClient;
 use cairn_service::client::Connection;
 use cairn_wire::proto::{
     Artifact, BakeState, CancelBakeRequest, DeleteBakeRequest, DownloadResultRequest, GetBakeRequest,
-    GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest, PlanBakeRequest, WatchBakeRequest,
+    GetServerInfoRequest, HaveAssetsRequest, ListBakesRequest, OutputFormat, PlanBakeRequest, WatchBakeRequest,
 };
 use std::path::PathBuf;
 use tonic::Code;
@@ -253,4 +253,97 @@ async fn a_changed_result_is_not_handed_out() {
         assert_eq!(baked(&server, &mut connection).await.0, id);
         connection.download(&id, artifact).await.unwrap();
     }
+}
+
+/// A byte of the events that the disk has changed is noticed before anybody gets it.
+#[tokio::test]
+async fn a_changed_event_is_not_handed_out() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (id, folder) = baked(&server, &mut connection).await;
+    let log = folder.join("events.log");
+    let whole = std::fs::read(&log).unwrap();
+    let (sound, end) = events(watch(&mut connection, &id, 1).await).await;
+    end.unwrap();
+    let at = [20, whole.len() / 2, whole.len() - 1];
+    for at in at {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 1;
+        std::fs::write(&log, bytes).unwrap();
+        let (answer, end) = events(watch(&mut connection, &id, 1).await).await;
+        assert_fault(&end.unwrap_err(), Code::DataLoss, "BAKE_DAMAGED");
+        let events = numbered(&answer);
+        assert!(events.len() < sound.len() && numbered(&sound).starts_with(&events), "byte {at}");
+        assert_eq!(baked(&server, &mut connection).await.0, id);
+    }
+}
+
+/// The pile of which further results are made is looked at, too.
+#[tokio::test]
+async fn no_result_is_made_of_a_changed_pile() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (id, folder) = baked(&server, &mut connection).await;
+    let mut bytes = std::fs::read(folder.join("baked.postcard")).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(folder.join("baked.postcard"), bytes).unwrap();
+    let csv = DownloadResultRequest { bake_id: id.clone(), format: OutputFormat::Csv.into(), ..Default::default() };
+    let refused = connection.service.download_result(csv).await.unwrap_err();
+    assert_fault(&refused, Code::DataLoss, "BAKE_DAMAGED");
+    assert!(refused.message().contains("it has changed since it was written"), "{refused:?}");
+}
+
+/// A disk or a network drive that is away for some seconds damages nothing, and needs no restart.
+#[tokio::test]
+async fn a_data_directory_that_is_away_for_a_moment_damages_nothing() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let (id, _) = baked(&server, &mut connection).await;
+    let (bake_id, fetch) = (id.clone(), DownloadResultRequest { bake_id: id.clone(), ..Default::default() });
+    for is_empty_there in [false, true] {
+        std::fs::rename(server.path("data"), server.path("away")).unwrap();
+        if is_empty_there {
+            std::fs::create_dir_all(server.path("data/bakes")).unwrap();
+        }
+        let service = &mut connection.service;
+        let watched = match service.watch_bake(WatchBakeRequest { bake_id: id.clone(), ..Default::default() }).await {
+            Ok(stream) => events(stream.into_inner()).await.1.unwrap_err(),
+            Err(refused) => refused,
+        };
+        for refused in [
+            watched,
+            service.get_bake(GetBakeRequest { bake_id: bake_id.clone() }).await.unwrap_err(),
+            service.bake(request(short(1))).await.unwrap_err(),
+            service.plan_bake(PlanBakeRequest { spec: Some(short(2)) }).await.unwrap_err(),
+            service.download_result(fetch.clone()).await.map(drop).unwrap_err(),
+            service.delete_bake(DeleteBakeRequest { bake_id: bake_id.clone() }).await.unwrap_err(),
+        ] {
+            let details = assert_fault(&refused, Code::Unavailable, "DATA_AWAY");
+            assert!(details.retry_info().is_some());
+            assert!(refused.message().contains("is away, or another folder is in its place"), "{refused:?}");
+        }
+        assert_eq!(server.path("data").exists(), is_empty_there, "no folder appears in its place");
+        if is_empty_there {
+            std::fs::remove_dir_all(server.path("data")).unwrap();
+        }
+        std::fs::rename(server.path("away"), server.path("data")).unwrap();
+        assert_eq!(status(&mut connection, &id).await.state(), BakeState::Succeeded);
+        connection.download(&id, Artifact::Result).await.unwrap();
+    }
+}
+
+/// No bake is made of an upload that the disk has changed.
+#[tokio::test]
+async fn a_changed_upload_is_not_baked() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let path = server.path("data/assets").join(sha256(&content("stick.glb")));
+    let mut bytes = std::fs::read(&path).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    std::fs::write(path, bytes).unwrap();
+    let refused = connection.service.plan_bake(PlanBakeRequest { spec: Some(short(1)) }).await.unwrap_err();
+    assert_fault(&refused, Code::InvalidArgument, "SCENE_INVALID");
+    assert!(refused.message().contains("the server's copy has changed since it was uploaded"), "{refused:?}");
 }

@@ -257,6 +257,7 @@ async fn faults_of_an_upload() {
         ("upload-write", "ENOSPC", FULL),
         ("upload-sync", "EIO", BROKEN),
         ("upload-rename", "EIO", BROKEN),
+        ("owner-write", "ENOSPC", FULL),
     ] {
         let folder = tempfile::tempdir().unwrap();
         let faults = format!("{place}={FAILURES}*return({what})");
@@ -370,7 +371,7 @@ async fn a_server_starts_on_a_full_disk() {
     server.signal("-KILL");
     server.wait();
     std::fs::remove_file(folder.path().join("data/bakes").join(&id).join("result.glb")).unwrap();
-    let server = server_of_one(folder.path(), "files-create=1*return(ENOSPC)");
+    let server = server_of_one(folder.path(), "files-create=1*return(ENOSPC);clock-write=2*return(ENOSPC)");
     let mut connection = server.connect().await;
     assert_eq!(status(&mut connection, &id).await.failure.unwrap().reason, DAMAGED.1);
     bake(&mut connection, request(short(1))).await.unwrap();

@@ -137,14 +137,14 @@ async fn each_caller_has_a_layout_of_its_own() {
         let details = assert_fault(&answer, Code::InvalidArgument, "REQUEST_INVALID");
         assert_eq!(fields(&details), [field]);
     }
-    // Of so many layouts, each takes room in the store.
-    let mut refused = None;
+    // Of many layouts, those go that were not used for longest: nobody is refused.
+    let folder = server.path("data/bakes").join(&ids[0]);
     for number in 0..40 {
-        let usd = Some(UsdLayout { start_frame: Some(f64::from(number)), ..Default::default() });
-        let scene = DownloadResultRequest { artifact: Artifact::Scene.into(), ..request(usd) };
-        refused = refused.or(connection.service.download_result(scene).await.err());
+        std::fs::write(folder.join(format!("usd-layout-{number:016x}.binpb")), "").unwrap();
     }
-    let details = assert_fault(&refused.unwrap(), Code::InvalidArgument, "REQUEST_INVALID");
-    let words = "results of this bake were laid out in too many ways";
-    assert!(details.bad_request().unwrap().field_violations[0].description.contains(words));
+    let last = UsdLayout { start_frame: Some(7.0), ..Default::default() };
+    let result = connection.download_file(&request(Some(last))).await.unwrap().bytes;
+    assert!(String::from_utf8(result).unwrap().contains("startTimeCode = 7"));
+    let entries = std::fs::read_dir(folder).unwrap().flatten();
+    assert_eq!(entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("usd-layout-")).count(), 32);
 }

@@ -18,6 +18,7 @@ mod large;
 mod lists;
 mod load;
 mod page;
+mod quotas;
 mod server;
 mod versions;
 mod worker;

@@ -1,7 +1,7 @@
 //! Schemas of other versions: callers of the one before, whom `proto/baseline.binpb` stands for, and those of the next,
 //! which has fields and values that nobody knows yet; and this version as the caller of such a server.
 
-use crate::service::server::{Server, fields, short};
+use crate::service::server::{Server, assert_fault, fields, short};
 use bytes::{Buf, BufMut, Bytes};
 use cairn_wire::proto::bake_event::Kind;
 use cairn_wire::proto::{self, BakeEvent, BakeState, BakeStatus};
@@ -102,6 +102,39 @@ async fn call(server: &Server, method: &str, request: &DynamicMessage) -> Result
         messages.push(message);
     }
     Ok(messages)
+}
+
+/// What is no message, is too large or means no call is answered as all other errors are.
+#[tokio::test]
+async fn bytes_that_are_no_message_have_an_answer() {
+    let server = Server::start(&[]);
+    server.ready().await;
+    let send = async |method: &str, bytes: Vec<u8>| {
+        let channel = crate::service::server::channel(&format!("http://{}", server.target().address)).await;
+        let mut client = tonic::client::Grpc::new(channel);
+        client.ready().await.unwrap();
+        let path = format!("/cairn.v1.PileService/{method}").parse().unwrap();
+        client.unary(Request::new(bytes), path, Raw).await.unwrap_err()
+    };
+    // A field of 100 bytes, of which two are there; a wire type that there is not; text that is not UTF-8; a group.
+    for bytes in
+        [&b"\x0a\x64ab"[..], b"\x0f", b"\x0a\x02\xff\xfe", b"\x0b\x0b", b"\xff\xff\xff\xff\xff\xff\xff\xff\xff\xff"]
+    {
+        for method in ["GetBake", "CreateBake", "PlanBake", "CancelBake", "HaveAssets"] {
+            let refused = send(method, bytes.to_vec()).await;
+            assert_fault(&refused, Code::InvalidArgument, "REQUEST_INVALID");
+        }
+    }
+    let refused = send("GetBake", b"\x0a\x64ab".to_vec()).await;
+    let words = "it is no message cairn.v1.GetBakeRequest";
+    assert!(refused.message().contains(words), "{refused:?}");
+    assert!(refused.message().contains("encode it by this server's schema"), "{refused:?}");
+    let refused = send("PlanBake", vec![0; 33 << 20]).await;
+    assert_fault(&refused, Code::OutOfRange, "REQUEST_TOO_LARGE");
+    assert!(refused.message().contains("the call cannot be taken: "), "{refused:?}");
+    let refused = send("BakeTwice", Vec::new()).await;
+    assert_fault(&refused, Code::Unimplemented, "NOT_OFFERED");
+    assert!(refused.message().contains("there is no such call; see GetServerInfo"), "{refused:?}");
 }
 
 /// A caller of the version before bakes, and understands all that it knew.

@@ -152,6 +152,8 @@ struct FormatRow {
     writer: fn(&BakedPile, &ExportScene) -> Result<Encoded, ExportError>,
     /// Whether a result states where it comes from, so that it can be given as a scene.
     states_origin: bool,
+    /// Whether a result has the models of its bodies, so that it can be shown.
+    holds_models: bool,
     /// Whether a result is one file. Others have sidecars, so they need a folder.
     is_single_file: bool,
     /// Whether a result holds the pile's figures, so that it is written after the measures.
@@ -180,6 +182,7 @@ impl Format {
             wire,
             writer,
             states_origin: true,
+            holds_models: true,
             is_single_file: true,
             holds_measures: true,
             size: FormatSize::USD,
@@ -196,19 +199,21 @@ impl Format {
             },
             Format::Usdz => row("usdz", OutputFormat::Usdz, usd::encode_package),
             Format::Json => FormatRow {
-                states_origin: false,
+                holds_models: false,
                 holds_measures: false,
                 size: FormatSize::TABLE,
                 ..row("json", OutputFormat::Json, table::encode_json)
             },
             Format::Csv => FormatRow {
                 states_origin: false,
+                holds_models: false,
                 holds_measures: false,
                 size: FormatSize::TABLE,
                 ..row("csv", OutputFormat::Csv, table::encode_csv)
             },
             Format::Mjcf => FormatRow {
                 states_origin: false,
+                holds_models: false,
                 holds_measures: false,
                 size: FormatSize::MODEL,
                 ..row("xml", OutputFormat::Mjcf, mjcf::encode)
@@ -225,6 +230,7 @@ impl Format {
             },
             Format::Pack => FormatRow {
                 states_origin: false,
+                holds_models: false,
                 holds_measures: false,
                 size: FormatSize::PACK,
                 ..row("pack.zip", OutputFormat::Pack, pack::encode)
@@ -243,6 +249,10 @@ impl Format {
 
     pub fn states_origin(self) -> bool {
         self.row().states_origin
+    }
+
+    pub fn holds_models(self) -> bool {
+        self.row().holds_models
     }
 
     pub fn is_usd(self) -> bool {
@@ -350,8 +360,11 @@ pub fn encode(format: Format, bake: &BakedPile, scene: &ExportScene) -> Result<E
     (format.row().writer)(bake, scene)
 }
 
-/// The origin that a result states: a `.glb`, or one of USD's formats.
+/// The origin that a result states: a `.glb`, one of USD's formats, or a table in JSON.
 pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
+    if let Some(origin) = table::origin(result) {
+        return Some(origin);
+    }
     match Document::parse(result, &|_| Err(String::new())) {
         Ok(document) => Some(document.json().get("asset")?.get("extras")?.get(ORIGIN)?.clone()),
         Err(_) => usd::read_origin(result),
@@ -359,7 +372,7 @@ pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
 }
 
 pub use usd::layout::{Layout, is_asset_folder};
-pub use usd::{ConvertedStage, PartChoice, PartPrim, StagePart, convert as convert_usd};
+pub use usd::{ConvertedStage, PartChoice, PartPrim, StagePart, convert as convert_usd, is_usd as is_usd_content};
 
 /// A file as glTF has it: one of USD's formats as a `.glb` of what it shows, any other as it is.
 pub fn as_gltf<'a>(bytes: &'a [u8], resolve: &Resolver) -> Result<Cow<'a, [u8]>, String> {

@@ -15,7 +15,8 @@
 use super::{Encoded, ExportError, ExportScene, body_names, glue};
 use cairn_core::report::bake::BakedPile;
 use cairn_geometry::pose::Pose;
-use serde::Serialize;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 
 const POSE_COLUMNS: [&str; 7] = ["x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"];
 
@@ -57,6 +58,18 @@ pub fn encode_json(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, Exp
         cairn: scene.origin,
     };
     Ok(Encoded::single(serde_json::to_vec(&table).map_err(std::io::Error::from)?))
+}
+
+/// The origin that a table in JSON states.
+pub fn origin(result: &[u8]) -> Option<serde_json::Value> {
+    #[derive(Deserialize)]
+    struct Stated {
+        cairn: serde_json::Value,
+        #[serde(rename = "frames")]
+        _frames: IgnoredAny,
+    }
+    let is_json = result.trim_ascii_start().starts_with(b"{");
+    Some(serde_json::from_slice::<Stated>(result).ok().filter(|_| is_json)?.cairn)
 }
 
 /// The `.csv`.

@@ -10,15 +10,18 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod failpoints;
+pub mod fence;
 pub mod problem;
 pub mod version;
 
+use crate::fence::Fence;
 use crate::problem::{Problem, nearest};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 use tempfile::NamedTempFile;
 
@@ -71,23 +74,65 @@ fn missing(path: &Path) -> String {
 pub trait FileSource: Send + Sync {
     fn read(&self, path: &Path) -> Result<Vec<u8>, Problem>;
 
+    /// As `read`, for a file that a model names.
+    fn read_beside(&self, _model: &Path, path: &Path) -> Result<Vec<u8>, Problem> {
+        self.read(path)
+    }
+
     /// The file that a model means by this path: the path itself, or the only one that differs from it in case alone.
     fn find(&self, path: &Path) -> Option<PathBuf>;
 
     /// What is said of a file that is not there, and the remedy.
     fn absence(&self) -> (&'static str, &'static str);
+
+    /// Files that are there, and were asked for, and may not be read: see [`Fence`].
+    fn refused(&self) -> Vec<Problem> {
+        Vec::new()
+    }
+
+    /// Whether some files may not be read.
+    fn is_fenced(&self) -> bool {
+        false
+    }
 }
 
 /// The files of this machine.
 #[derive(Clone, Debug, Default)]
 pub struct Disk {
     /// Files that lie elsewhere than the scene says, by their [`normalized`] paths there.
+    ///
+    /// Whoever fills this knows their content, so that no fence is between.
     pub moved: BTreeMap<PathBuf, PathBuf>,
+    /// What may be read; `None`: all that this user may read.
+    pub fence: Option<Arc<Fence>>,
+}
+
+impl Disk {
+    fn fenced(&self, path: &Path, model: Option<&Path>) -> Result<Vec<u8>, Problem> {
+        let moved = self.moved.get(&normalized(path));
+        let is_known = || moved.is_some() || self.moved.values().any(|known| known == path);
+        if let Some(fence) = self.fence.as_ref().filter(|_| !is_known()) {
+            fence.admit(path, model)?;
+        }
+        read(moved.map_or(path, PathBuf::as_path))
+    }
 }
 
 impl FileSource for Disk {
     fn read(&self, path: &Path) -> Result<Vec<u8>, Problem> {
-        read(self.moved.get(&normalized(path)).map_or(path, PathBuf::as_path))
+        self.fenced(path, None)
+    }
+
+    fn read_beside(&self, model: &Path, path: &Path) -> Result<Vec<u8>, Problem> {
+        self.fenced(path, Some(model))
+    }
+
+    fn refused(&self) -> Vec<Problem> {
+        self.fence.as_ref().map_or_else(Vec::new, |fence| fence.refused())
+    }
+
+    fn is_fenced(&self) -> bool {
+        self.fence.is_some()
     }
 
     fn find(&self, path: &Path) -> Option<PathBuf> {

@@ -12,12 +12,14 @@ mod triangles;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use crate::container::{self, Chunks};
 use crate::media::media_type;
 use crate::node::VISIBILITY;
-use crate::problem::ProblemKind;
+use crate::problem::{ProblemKind, clip};
+use crate::remedy;
 use crate::source::Resolver;
 use crate::uri::{self, Reach};
 pub use local::{LocalTransform, matrix, unit};
@@ -203,15 +205,47 @@ pub fn references(object: &Object, key: &str) -> Vec<usize> {
     items.iter().filter_map(|v| v.as_u64().and_then(|v| usize::try_from(v).ok())).collect()
 }
 
+/// Whether this is a glTF file: a GLB, or an object in JSON, that states its version. Else why not, and a remedy.
+pub fn recognise(bytes: &[u8]) -> Result<(), (ProblemKind, String)> {
+    let read = |bytes| {
+        let Chunks { json, .. } = container::open(bytes)?;
+        let root = serde_json::from_slice(json).map_err(|error| match error.is_data() {
+            true => ProblemKind::NotGltf { seems: "some other JSON" },
+            false => ProblemKind::Json { message: clip(&error.to_string()) },
+        });
+        let root: Header = root?;
+        let is_gltf = root.asset.is_some_and(|asset| asset.version.is_string());
+        if is_gltf { Ok(()) } else { Err(ProblemKind::NotGltf { seems: "some other JSON" }) }
+    };
+    read(bytes).map_err(|what: ProblemKind| {
+        let remedy = remedy::of(&what);
+        (what, remedy)
+    })
+}
+
+/// What a glTF file says of itself.
+#[derive(Deserialize)]
+struct Header {
+    asset: Option<AssetHeader>,
+}
+
+#[derive(Deserialize)]
+struct AssetHeader {
+    #[serde(default)]
+    version: Value,
+}
+
 /// The files beside a glTF file that its buffers and images name and that `resolve` gives, by their paths from its
-/// folder. Missing ones are left out.
+/// folder. Missing ones are left out, and pictures that are none by their first bytes.
 pub fn external_files(bytes: &[u8], resolve: &Resolver) -> Result<BTreeMap<String, Vec<u8>>, DocumentError> {
     let (json, _) = split(bytes)?;
     let mut files = BTreeMap::new();
     for (list, reach) in [("buffers", Reach::Below), ("images", Reach::Above)] {
         let entries = json.get(list).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
         let uris = entries.iter().filter_map(|entry| entry.get("uri")?.as_str()).filter(|uri| !uri::is_data(uri));
-        files.extend(uris.filter_map(|uri| uri::find(uri, reach, resolve, |b| media_type(b).is_some()).ok()));
+        let is_picture = |bytes: &[u8]| media_type(bytes).is_some();
+        let found = uris.filter_map(|uri| uri::find(uri, reach, resolve, is_picture).ok());
+        files.extend(found.filter(|(_, bytes)| reach == Reach::Below || is_picture(bytes)));
     }
     Ok(files)
 }

@@ -92,7 +92,7 @@ impl Job {
     pub fn most_bytes(&self, plan: &Plan, format: Format) -> u64 {
         let (bodies, frames) = (plan.expected_bodies as u64, plan.most_frames as u64);
         let size = format.size();
-        let models = if format.states_origin() { self.model_bytes as u64 } else { 0 };
+        let models = if format.holds_models() { self.model_bytes as u64 } else { 0 };
         let mut bytes = size.file + models + bodies * (size.body + frames * size.pose);
         let holds_colliders = matches!(format, Format::GlbPhysics | Format::GlbHulls);
         if format == Format::Pack {

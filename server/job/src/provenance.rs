@@ -48,7 +48,9 @@ pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Proble
     // Reading it as a scene file of a folder checks its fields against the schema.
     let read = |folder: &Path| SceneTree::read(&folder.join("scene.json"), text.as_bytes());
     if let Some(folder) = places.folders().find(|folder| has_all(folder, &origin.assets)) {
-        return read(&folder);
+        let own = origin.assets.iter().map(|asset| folder.join(&asset.uri));
+        let moved = own.map(|path| (cairn_files::normalized(&path), path)).collect();
+        return Ok(read(&folder)?.with_files(Disk { moved, fence: None }));
     }
     let folder = places.tops.first().cloned().unwrap_or_default();
     let (mut finder, mut moved, mut problems) = (FileFinder::new(&places), BTreeMap::new(), Vec::new());
@@ -69,7 +71,7 @@ pub fn scene(path: &Path, assets: Option<&Path>) -> Result<SceneTree, Vec<Proble
             }
         }
     }
-    if problems.is_empty() { Ok(read(&folder)?.with_files(Disk { moved })) } else { Err(problems) }
+    if problems.is_empty() { Ok(read(&folder)?.with_files(Disk { moved, fence: None })) } else { Err(problems) }
 }
 
 /// Folders that may hold the files.

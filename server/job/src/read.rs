@@ -43,6 +43,7 @@ impl Job {
         let ReadScene { mut scene, props, statics } = reader.scene(given, &settings);
         let Settings { params, effective, .. } = &settings;
         reader.notes.extend(idle::notes(given, effective, params, scene.is_filled(params)));
+        reader.add_refused();
         if !reader.problems.is_empty() {
             reader.check_values(&scene, params);
             return Err(Refused { problems: reader.problems, notes: reader.notes });

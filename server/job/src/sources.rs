@@ -181,7 +181,8 @@ impl InputFile {
     ) -> Result<InputFile, Problem> {
         let bytes = source.read(path)?;
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let beside = Arc::new(SidecarReader { folder, source: source.clone(), read: Mutex::default() });
+        let beside = SidecarReader { folder, model: path.to_owned(), source: source.clone(), read: Mutex::default() };
+        let beside = Arc::new(beside);
         let sidecars = beside.clone();
         let resolve = Box::new(move |relative: &str| sidecars.read(relative));
         let found = source.find(path).unwrap_or_else(|| path.to_owned());
@@ -235,6 +236,14 @@ impl InputFile {
         self.beside.read.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Whether it is what models are, by its content: glTF, or USD, which was read as glTF.
+    pub fn recognise(&self) -> Result<(), Problem> {
+        if self.usd.is_some() {
+            return Ok(());
+        }
+        document::recognise(&self.bytes).map_err(|(what, remedy)| Problem::new(&self.name, what.to_string(), remedy))
+    }
+
     /// The files that it names and that are there, by their paths from its folder. Missing ones are left out, because
     /// only bakes that use them need them.
     pub fn sidecars(&self) -> BTreeMap<String, Vec<u8>> {
@@ -253,6 +262,8 @@ pub fn place(folder: &Path, relative: &str) -> Option<PathBuf> {
 /// The files that a glTF file names. They stay in memory, so that the export uses what the bake has read.
 struct SidecarReader {
     folder: PathBuf,
+    /// The file that names them.
+    model: PathBuf,
     source: Arc<dyn FileSource>,
     read: Mutex<BTreeMap<String, Vec<u8>>>,
 }
@@ -265,7 +276,7 @@ impl SidecarReader {
             return Ok(bytes.clone());
         }
         let path = self.source.find(&path).unwrap_or(path);
-        let bytes = self.source.read(&path).map_err(|problem| problem.to_string())?;
+        let bytes = self.source.read_beside(&self.model, &path).map_err(|problem| problem.to_string())?;
         read.insert(relative.to_owned(), bytes.clone());
         Ok(bytes)
     }

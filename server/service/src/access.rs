@@ -175,6 +175,22 @@ impl Access {
         self.token.is_none() && self.known.is_empty()
     }
 
+    /// The caller of this name in a project, or in none, with the limits that the file gives both now.
+    pub fn caller(&self, name: &str, project: &str) -> Caller {
+        let of_project = |known: &&KnownCaller| known.caller.project() == project;
+        let mut members = self.known.iter().filter(of_project);
+        if let Some(known) = members.clone().find(|known| *known.caller.name == *name) {
+            return known.caller.clone();
+        }
+        // It is no longer in the file; its project may be.
+        let unknown = || Project { name: project.to_owned(), ..Project::default() };
+        let shared = (!project.is_empty()).then(|| {
+            let known = members.next().and_then(|known| known.caller.project.clone());
+            known.unwrap_or_else(|| Arc::new(unknown()))
+        });
+        Caller { project: shared, ..Caller::named(name) }
+    }
+
     /// The caller of an accepted call. Hashes are compared in constant time, so that a wrong token reveals nothing of
     /// the right one.
     fn admit<T>(&self, request: &Request<T>) -> Option<Caller> {

@@ -1,6 +1,7 @@
 //! The worker's side of an analysis. It reads the folder that the server has made, and sends the answers.
 
 use crate::folder::SPEC;
+use crate::seal::unsealed;
 use crate::worker::{NOT_UPLOADED, Uploads, WorkerError, invalid_fields, send};
 use crate::worker_message::WorkerMessage;
 use bytes::Bytes;
@@ -41,7 +42,7 @@ impl Observer for Reporting {
 
 /// Analyses the pile of a folder, and sends the answers.
 pub fn analyse(folder: &Path) -> Result<(), WorkerError> {
-    let request = proto::AnalysePileRequest::decode(Bytes::from(std::fs::read(folder.join(SPEC))?))
+    let request = proto::AnalysePileRequest::decode(Bytes::from(unsealed(std::fs::read(folder.join(SPEC))?)?))
         .map_err(|error| WorkerError::Internal(error.to_string()))?;
     let limits = cairn_input::asset::Limits::default();
     let selection = Selection {

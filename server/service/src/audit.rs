@@ -1,5 +1,6 @@
 //! A log line for each call when it ends: caller, call, bake and status.
 
+use crate::status::detailed;
 use bytes::Bytes;
 use http_body_util::BodyExt;
 use std::future::Future;
@@ -8,6 +9,7 @@ use std::sync::{Arc, OnceLock};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
+use tonic::Status;
 use tonic::body::Body;
 use tonic::codegen::{Body as HttpBody, Service, StdError, http};
 use tonic::server::NamedService;
@@ -134,6 +136,12 @@ where
         let answer = self.service.call(request);
         Box::pin(async move {
             let answer = answer.await?;
+            let error = Status::from_header_map(answer.headers());
+            if let Some(error) = error.as_ref().and_then(detailed) {
+                let answer = error.into_http::<Body>();
+                call.ends(answer.headers());
+                return Ok(answer);
+            }
             // A status before the first message is in the headers, one after the last message in the trailers.
             call.ends(answer.headers());
             Ok(answer.map(|body| {

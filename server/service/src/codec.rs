@@ -2,6 +2,7 @@
 //! spec that this version does not know: a newer client must not get another pile from an older server.
 
 use crate::bounds;
+use crate::status::Fault;
 use bytes::Buf;
 use cairn_wire::scene_file::schema;
 use prost::Message;
@@ -45,10 +46,15 @@ impl<U: Message + Default + 'static> Decoder for CheckedDecoder<U> {
     fn decode(&mut self, buffer: &mut DecodeBuf<'_>) -> Result<Option<U>, Status> {
         let bytes = buffer.copy_to_bytes(buffer.remaining());
         apart(bytes.len(), || {
-            if let Some(request) = request::<U>() {
-                bounds::check(&request, &bytes, &["spec", "requests"])?;
-            }
-            U::decode(bytes).map(Some).map_err(|error| Status::internal(error.to_string()))
+            let Some(request) = request::<U>() else {
+                return U::decode(bytes).map(Some).map_err(|error| Status::internal(error.to_string()));
+            };
+            bounds::check(&request, &bytes, &["spec", "requests"])?;
+            U::decode(bytes).map(Some).map_err(|error| {
+                let what =
+                    format!("it is no message {}: {error}; encode it by this server's schema", request.full_name());
+                Fault::field("", what).into()
+            })
         })
     }
 }

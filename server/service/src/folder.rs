@@ -28,6 +28,14 @@ impl ResultKind {
         ResultKind { format, layout: None }
     }
 
+    /// Of a layout, by the request that states it.
+    pub fn laid_out(format: Format, request: &[u8]) -> ResultKind {
+        /// Digits that distinguish the few layouts of a bake.
+        const DIGITS: usize = 16;
+        let layout = blake3::hash(request).to_hex()[..DIGITS].to_owned();
+        ResultKind { format, layout: Some(layout) }
+    }
+
     fn tag(&self) -> String {
         self.layout.as_ref().map_or(String::new(), |layout| format!("{LAID_OUT}{layout}"))
     }

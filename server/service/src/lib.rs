@@ -11,8 +11,10 @@
 
 // The server's own process does not use `analysis` and `worker`: it decodes no model and runs no physics.
 mod access;
+mod accounts;
 pub mod analysis;
 pub mod api;
+mod asset_owners;
 mod audit;
 mod bounds;
 mod calls;
@@ -33,11 +35,13 @@ mod metrics;
 mod process;
 mod quotas;
 mod scheduler;
+mod seal;
 pub mod secrets;
 pub mod serve;
 pub mod status;
 pub mod status_json;
 mod store;
+mod store_clock;
 pub mod telemetry;
 #[cfg(unix)]
 mod unix;

@@ -5,14 +5,13 @@ use crate::config::Config;
 use crate::event_log::codec;
 use crate::folder::ResultKind;
 use crate::status::Fault;
-use crate::store::CACHE;
 use crate::worker_message::{Envelope, WorkerMessage};
 use cairn_files::failpoints;
 use cairn_files::plain_reason;
 use cairn_job::machine;
 use prost::Message;
 use std::io::Result;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
@@ -50,15 +49,22 @@ impl Worker {
         config: &Config,
         task: WorkerTask,
         folder: &Path,
+        cache: Option<PathBuf>,
         threads: usize,
     ) -> std::result::Result<Worker, Fault> {
-        Worker::spawn(config, &task, folder, threads).map_err(|error| {
+        Worker::spawn(config, &task, folder, cache, threads).map_err(|error| {
             tracing::error!(%error, "a worker process could not be started");
             Fault::BakeNotStarted(plain_reason(&error))
         })
     }
 
-    fn spawn(config: &Config, task: &WorkerTask, folder: &Path, threads: usize) -> Result<Worker> {
+    fn spawn(
+        config: &Config,
+        task: &WorkerTask,
+        folder: &Path,
+        cache: Option<PathBuf>,
+        threads: usize,
+    ) -> Result<Worker> {
         let program = match &config.worker_program {
             Some(program) => program.clone(),
             // Stays this version even if another one is installed in its place.
@@ -84,8 +90,8 @@ impl Worker {
         if let Some(slowness) = machine::known_slowness() {
             command.arg("--slowness").arg(slowness.to_string());
         }
-        if config.reuse {
-            command.arg("--cache").arg(config.data.join(CACHE));
+        if let Some(cache) = cache {
+            command.arg("--cache").arg(cache);
         }
         command.env("RAYON_NUM_THREADS", threads.to_string());
         // The server handles Ctrl-C at the terminal.

@@ -92,10 +92,11 @@ pub async fn run(
     info!(version = cairn_files::version::BUILD, data, workers, "starting");
     let users = config.users.clone();
     let bakes = Bakes::new(config, store, secrets.hook);
+    bakes.set_access(secrets.access.clone());
     // Meanwhile, so that no bake waits for it.
     tokio::task::spawn_blocking(machine::slowness);
     bakes.restore().map_err(|error| ServeError::Failed(format!("the store cannot be read: {error}")))?;
-    let keeper = tokio::spawn(bakes.clone().keep_limits());
+    let (keeper, kept) = (tokio::spawn(bakes.clone().keep_limits()), bakes.clone());
 
     let (health, health_service) = tonic_health::server::health_reporter();
     let is_ready = Arc::<AtomicBool>::default();
@@ -142,6 +143,7 @@ pub async fn run(
     let _ = tokio::time::timeout(FAREWELL, farewell).await;
     servers.shutdown().await;
     keeper.abort();
+    kept.store.save_clock();
     reloader.abort();
     metrics.iter().for_each(tokio::task::JoinHandle::abort);
     sockets.iter().for_each(|path| drop(std::fs::remove_file(path)));
@@ -191,6 +193,7 @@ async fn read_again(
         reload.notified().await;
         match Secrets::read(&bakes.config, token.clone()) {
             Ok(secrets) => {
+                bakes.set_access(secrets.access.clone());
                 access.send_replace(secrets.access);
                 if let Some((sender, new)) = tls.as_ref().zip(secrets.tls) {
                     sender.send_replace(new);

@@ -79,6 +79,10 @@ pub enum Fault {
     ProtocolMismatch(String),
     #[error("the server's data directory cannot be used: {0}; contact the operator")]
     DataDirectory(String),
+    #[error(
+        "the server's data directory is away, or another folder is in its place; what is finished is kept. Try again"
+    )]
+    DataAway,
     #[error("internal error: {0}")]
     Internal(String),
 }
@@ -119,6 +123,7 @@ impl Fault {
             Fault::TokenInvalid => (Code::Unauthenticated, "TOKEN_INVALID"),
             Fault::ProtocolMismatch(_) => (Code::FailedPrecondition, "PROTOCOL_MISMATCH"),
             Fault::DataDirectory(_) => (Code::Internal, "DATA_DIRECTORY"),
+            Fault::DataAway => (Code::Unavailable, "DATA_AWAY"),
             Fault::Internal(_) => (Code::Internal, "INTERNAL"),
         }
     }
@@ -135,7 +140,9 @@ impl Fault {
     fn retry(&self) -> Option<Duration> {
         match self {
             Fault::QueueFull { retry } => Some(*retry),
-            Fault::TooManyCalls | Fault::BakeNotStarted(_) | Fault::ShuttingDown => Some(Duration::from_secs(5)),
+            Fault::TooManyCalls | Fault::BakeNotStarted(_) | Fault::ShuttingDown | Fault::DataAway => {
+                Some(Duration::from_secs(5))
+            }
             _ => None,
         }
     }
@@ -164,6 +171,7 @@ impl From<std::io::Error> for Fault {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
                 Fault::StorageLimit(DISK_FULL.into())
             }
+            ErrorKind::NotConnected => Fault::DataAway,
             _ => Fault::DataDirectory(plain_reason(&error)),
         }
     }
@@ -193,6 +201,26 @@ pub fn status_of(failure: &Failure) -> Status {
     status(failure, None)
 }
 
+/// An error of the library that takes calls, with the details that AIP-193 asks for: the bytes are no message, the
+/// message is too large, or there is no such method.
+pub fn detailed(error: &Status) -> Option<Status> {
+    let (code, reason) = match error.code() {
+        _ if !error.details().is_empty() => return None,
+        Code::Ok => return None,
+        // What our own code finds has details.
+        Code::Internal | Code::Unknown => (Code::InvalidArgument, "REQUEST_INVALID"),
+        Code::OutOfRange => (Code::OutOfRange, "REQUEST_TOO_LARGE"),
+        Code::Unimplemented => (Code::Unimplemented, "NOT_OFFERED"),
+        code => (code, "CALL_REFUSED"),
+    };
+    let what = match error.message() {
+        "" => "there is no such call; see GetServerInfo and the server's reflection".to_owned(),
+        message => format!("the call cannot be taken: {message}"),
+    };
+    let failure = Failure { code: code.into(), reason: reason.into(), message: what, problems: Vec::new() };
+    Some(status(&failure, None))
+}
+
 fn status(failure: &Failure, retry: Option<Duration>) -> Status {
     /// Bytes of all descriptions together: a status is sent in headers, and proxies limit their size.
     const ROOM: usize = 4000;
@@ -216,4 +244,25 @@ fn status(failure: &Failure, retry: Option<Duration>) -> Status {
 /// Truncates a long text.
 fn cut(text: &str, most: usize) -> String {
     if text.len() <= most { text.into() } else { format!("{} ...", &text[..text.floor_char_boundary(most)]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_the_library_get_details() {
+        for (found, code, reason) in [
+            (Status::internal("no message"), Code::InvalidArgument, "REQUEST_INVALID"),
+            (Status::out_of_range("too long"), Code::OutOfRange, "REQUEST_TOO_LARGE"),
+            (Status::unimplemented(""), Code::Unimplemented, "NOT_OFFERED"),
+            (Status::resource_exhausted("many"), Code::ResourceExhausted, "CALL_REFUSED"),
+        ] {
+            let status = detailed(&found).expect("it has none");
+            let details = status.get_error_details();
+            assert_eq!((status.code(), &*details.error_info().unwrap().reason), (code, reason));
+            assert!(!status.message().is_empty() && detailed(&status).is_none());
+        }
+        assert!(detailed(&Status::ok("")).is_none());
+    }
 }

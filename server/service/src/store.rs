@@ -4,16 +4,26 @@
 //! lock                 held by the server that uses the directory
 //! version              of this layout
 //! assets/SHA256        one file per asset
+//! owners/SHA256        who has uploaded it
 //! bakes/ID/            spec.binpb, status.binpb, events.log, result.*, report.*, baked.postcard, textures/, assets/
 //! partial/             files being written
 //! cache/               fills and bakes for reuse
+//! clock                the time by which entries age
 //! ```
 //!
 //! A bake has its assets as hard links, so that they may be removed from `assets/` at any time, and the bake can still
 //! give its result in further formats.
 
+mod limits;
+#[cfg(test)]
+mod tests;
+
+use crate::accounts::Account;
+use crate::asset_owners::AssetOwners;
 use crate::config::Config;
 use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
+use crate::seal::{sealed, unsealed};
+use crate::store_clock::StoreClock;
 use crate::worker_message::ResultHead;
 use bytes::Bytes;
 use cairn_export::{Format, SIDECAR_FOLDER};
@@ -21,18 +31,20 @@ use cairn_files::failpoints;
 use cairn_files::{remove_unfinished, sync_folder, write_atomically};
 use cairn_wire::digest::hex;
 use cairn_wire::proto::{AnalysePileRequest, AssetReference, BakeSpec, BakeState, BakeStatus};
+pub use limits::BakeKeeper;
 use prost::Message;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, TryLockError};
 use std::io::{ErrorKind, Result};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 use tempfile::{NamedTempFile, TempDir};
-use tracing::warn;
+use tracing::{info, warn};
 
 const STATUS: &str = "status.binpb";
 /// The folder of the cache.
-pub const CACHE: &str = "cache";
+const CACHE: &str = "cache";
 
 /// Version of the layout. A directory without one is of version 1, as the first servers made it.
 const VERSION: u64 = 1;
@@ -68,8 +80,13 @@ pub struct Store {
     root: PathBuf,
     most_bytes: u64,
     longest: Option<Duration>,
-    _lock: File,
+    pub owners: Arc<AssetOwners>,
+    clock: StoreClock,
+    lock: File,
 }
+
+/// What is said while the directory is away.
+pub const AWAY: &str = "it is away, or another folder is in its place";
 
 /// An unfinished upload.
 pub struct Upload {
@@ -97,11 +114,48 @@ impl Store {
         check_version(&root)?;
         let _ = fs::remove_dir_all(root.join("partial"));
         fs::create_dir_all(root.join("partial"))?;
-        Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), _lock: lock })
+        let assets = entries(&root.join("assets"), is_asset)?;
+        let names = assets.iter().map(|kept| (kept.name(), kept.bytes));
+        let owners = Arc::new(AssetOwners::open(root.join("owners"), names)?);
+        let clock = StoreClock::open(&root.join("clock"), || {
+            let bakes = entries(&root.join("bakes"), is_bake).unwrap_or_default();
+            assets.iter().chain(&bakes).map(|kept| kept.used).max()
+        });
+        if let Err(error) = clock.save() {
+            warn!(%error, "the time of the store could not be saved");
+        }
+        Ok(Store { root, most_bytes: config.store_bytes(), longest: config.store_time(), owners, clock, lock })
+    }
+
+    /// Whether the directory is the one that was opened. A disk or a network drive may be away for some time, and
+    /// another folder in its place.
+    pub fn is_here(&self) -> bool {
+        let there = fs::metadata(self.root.join("lock"));
+        there.and_then(|there| Ok(is_same(&there, &self.lock.metadata()?))).unwrap_or(false)
+    }
+
+    /// An error while the directory is away.
+    fn check_here(&self) -> Result<()> {
+        match self.is_here() {
+            true => Ok(()),
+            false => Err(std::io::Error::new(ErrorKind::NotConnected, AWAY)),
+        }
+    }
+
+    /// Keeps the store's time for the next server.
+    pub fn save_clock(&self) {
+        if self.is_here()
+            && let Err(error) = self.clock.save()
+        {
+            warn!(%error, "the time of the store could not be saved");
+        }
     }
 
     /// Why the directory cannot be used, if so.
     pub fn fault(&self) -> Option<String> {
+        if !self.is_here() {
+            return Some(AWAY.into());
+        }
         let tried = ["assets", "bakes"].iter().try_for_each(|folder| fs::metadata(self.root.join(folder)).map(drop));
         let tried = tried.and_then(|()| tempfile::tempfile_in(self.root.join("partial")));
         tried.err().map(|error| error.kind().to_string())
@@ -112,18 +166,21 @@ impl Store {
         self.root.join("bakes").join(id)
     }
 
+    /// The cache of a project, or of what has none. A common one would show another project's work, since a bake from
+    /// the cache has no stage of the fill.
+    pub fn cache(&self, project: &str) -> PathBuf {
+        let cache = self.root.join(CACHE);
+        if project.is_empty() { cache } else { cache.join(blake3::hash(project.as_bytes()).to_hex().as_str()) }
+    }
+
     /// An asset of a project, or of none. Who knows the hash of another project's asset does not have it by that.
     fn asset(&self, sha256: &str, project: &str) -> PathBuf {
-        let assets = self.root.join("assets");
-        match project {
-            "" => assets.join(sha256),
-            _ => assets.join(format!("{sha256}-{}", blake3::hash(project.as_bytes()).to_hex())),
-        }
+        self.root.join("assets").join(asset_name(sha256, project))
     }
 
     /// Whether the store has an asset of a project. Marks it as used.
     pub fn has(&self, sha256: &str, project: &str) -> bool {
-        touch(&self.asset(sha256, project)).is_ok()
+        self.mark_used(&self.asset(sha256, project)).is_ok()
     }
 
     /// Size of all that is kept of a bake.
@@ -133,19 +190,29 @@ impl Store {
 
     pub fn upload(&self) -> Result<Upload> {
         failpoints::at("upload-create")?;
+        self.check_here()?;
         let file = NamedTempFile::new_in(self.root.join("partial"))?;
         Ok(Upload { file, hasher: Sha256::new(), bytes: 0 })
     }
 
-    /// Stores an upload if its content has this hash. Returns whether it has.
-    pub fn keep(&self, upload: Upload, sha256: &str, project: &str) -> Result<bool> {
+    /// Stores an upload of an account if its content has this hash. Returns whether it has.
+    pub fn keep(&self, upload: Upload, sha256: &str, account: &Account) -> Result<bool> {
         if hex(&upload.hasher.finalize()) != sha256 {
             return Ok(false);
         }
         failpoints::at("upload-sync")?;
+        self.check_here()?;
         upload.file.as_file().sync_all()?;
         failpoints::at("upload-rename")?;
-        upload.file.persist(self.asset(sha256, project))?;
+        let (path, name) = (self.asset(sha256, &account.project), asset_name(sha256, &account.project));
+        let is_new = self.owners.add(&name, account, upload.bytes)?;
+        if let Err(error) = upload.file.persist(&path) {
+            if is_new {
+                self.owners.remove(&name);
+            }
+            return Err(error.into());
+        }
+        self.mark_used(&path)?;
         sync_folder(&self.root.join("assets"))?;
         Ok(true)
     }
@@ -154,6 +221,8 @@ impl Store {
     pub fn prepare(&self, id: &str, spec: &BakeSpec, project: &str) -> Result<PathBuf> {
         self.remove(id)?;
         let folder = self.folder(id);
+        // Not the folders above: where the disk is away, they must not appear.
+        fs::create_dir(&folder)?;
         self.fill(&folder, &spec.assets, spec, project)?;
         sync_folder(&self.root.join("bakes"))?;
         Ok(folder)
@@ -161,36 +230,48 @@ impl Store {
 
     /// The request of a bake.
     pub fn spec(&self, id: &str) -> Result<BakeSpec> {
-        Ok(BakeSpec::decode(Bytes::from(fs::read(self.folder(id).join(SPEC))?))?)
+        Ok(BakeSpec::decode(Bytes::from(unsealed(fs::read(self.folder(id).join(SPEC))?)?))?)
     }
 
     /// The saved status of a bake; `None` if it is missing or damaged.
     pub fn status(&self, id: &str) -> Result<Option<BakeStatus>> {
         match fs::read(self.folder(id).join(STATUS)) {
-            Ok(bytes) => Ok(BakeStatus::decode(Bytes::from(bytes)).ok().filter(|status| status.bake_id == id)),
+            Ok(bytes) => {
+                let status = unsealed(bytes).ok().and_then(|bytes| BakeStatus::decode(Bytes::from(bytes)).ok());
+                Ok(status.filter(|status| status.bake_id == id))
+            }
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
     }
 
-    /// The damage of a bake that has succeeded, found by the sizes of its files.
-    pub fn damage(&self, status: &BakeStatus, result_bytes: i64) -> Option<String> {
+    /// The damage of a bake that has succeeded, found by the sizes of its files. What cannot be known now is an error.
+    pub fn damage(&self, status: &BakeStatus, result_bytes: i64) -> Result<Option<String>> {
         if status.state() != BakeState::Succeeded {
-            return None;
+            return Ok(None);
         }
         let folder = self.folder(&status.bake_id);
-        let has = |name: &str, bytes: i64| fs::metadata(folder.join(name)).is_ok_and(|file| file.len() as i64 == bytes);
-        if !has(EVENTS, status.event_bytes) {
-            Some("its events are truncated or missing".into())
-        } else if !Format::ALL.into_iter().any(|format| has(&ResultKind::of(format).result_name(), result_bytes)) {
-            Some("its result is truncated or missing".into())
+        let has = |name: &str, bytes: i64| match fs::metadata(folder.join(name)) {
+            Ok(file) => Ok(file.len() as i64 == bytes),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(false),
+            Err(error) => Err(error),
+        };
+        let mut results =
+            Format::ALL.into_iter().map(|format| has(&ResultKind::of(format).result_name(), result_bytes));
+        let damage = if !has(EVENTS, status.event_bytes)? {
+            "its events are truncated or missing"
+        } else if !results.try_fold(false, |any, has| Ok::<bool, std::io::Error>(any || has?))? {
+            "its result is truncated or missing"
         } else {
-            None
-        }
+            return Ok(None);
+        };
+        self.check_here()?;
+        Ok(Some(damage.into()))
     }
 
     /// A temporary folder for a plan.
     pub fn prepare_plan(&self, spec: &BakeSpec, project: &str) -> Result<TempDir> {
+        self.check_here()?;
         let folder = TempDir::new_in(self.root.join("partial"))?;
         self.fill(folder.path(), &spec.assets, spec, project)?;
         Ok(folder)
@@ -204,6 +285,7 @@ impl Store {
         result: Option<&Path>,
         project: &str,
     ) -> Result<TempDir> {
+        self.check_here()?;
         let folder = TempDir::new_in(self.root.join("partial"))?;
         self.fill(folder.path(), if result.is_some() { &[] } else { &request.assets }, request, project)?;
         if let (Some(result), Some(asset)) = (result, request.assets.first()) {
@@ -214,48 +296,63 @@ impl Store {
 
     fn fill(&self, folder: &Path, assets: &[AssetReference], request: &impl Message, project: &str) -> Result<()> {
         failpoints::at("store-folder")?;
-        fs::create_dir_all(folder.join(ASSETS))?;
+        fs::create_dir(folder.join(ASSETS))?;
         for asset in assets {
             let from = self.asset(&asset.sha256, project);
             failpoints::at("store-link")?;
             match fs::hard_link(&from, folder.join(ASSETS).join(&asset.sha256)) {
-                Ok(()) => touch(&from)?,
+                Ok(()) => self.mark_used(&from)?,
                 // The worker reports missing assets, and one asset may have several names.
                 Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::AlreadyExists) => {}
                 Err(error) => return Err(error),
             }
         }
-        write_atomically(&folder.join(SPEC), &request.encode_to_vec())
+        write_atomically(&folder.join(SPEC), &sealed(request.encode_to_vec()))
     }
 
     pub fn write_status(&self, status: &BakeStatus) -> Result<()> {
-        write_atomically(&self.folder(&status.bake_id).join(STATUS), &status.encode_to_vec())
+        let path = self.folder(&status.bake_id).join(STATUS);
+        write_atomically(&path, &sealed(status.encode_to_vec()))?;
+        self.mark_used(&path)
     }
 
     /// What describes a bake's result, if it was made.
     pub fn head(&self, id: &str, kind: &ResultKind) -> Result<Option<ResultHead>> {
         match fs::read(self.folder(id).join(kind.head_name())) {
-            Ok(bytes) => Ok(ResultHead::decode(Bytes::from(bytes)).ok()),
+            Ok(bytes) => Ok(unsealed(bytes).ok().and_then(|bytes| ResultHead::decode(Bytes::from(bytes)).ok())),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
             Err(error) => Err(error),
         }
     }
 
-    /// Keeps a layout of a bake's results in USD. `false`: it has too many of them.
-    pub fn keep_layout(&self, id: &str, layout: &str, request: &[u8]) -> Result<bool> {
+    /// Keeps a layout of a bake's results in USD, and marks it as used. Of many, those go that were not used for
+    /// longest, with their results: they are made again when somebody asks.
+    pub fn keep_layout(&self, id: &str, layout: &str, request: &[u8]) -> Result<()> {
         /// Each may have three results.
         const MOST: usize = 32;
         let (folder, name) = (self.folder(id), layout_name(layout));
-        if folder.join(&name).is_file() {
-            return Ok(true);
+        let path = folder.join(&name);
+        if !path.is_file() {
+            write_atomically(&path, &sealed(request.to_vec()))?;
         }
+        self.mark_used(&path)?;
         let (first, last) = name.split_once(layout).unwrap_or_default();
-        let known = fs::read_dir(&folder)?.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
-        if known.filter(|known| known.starts_with(first) && known.ends_with(last)).count() >= MOST {
-            return Ok(false);
+        let files: Vec<PathBuf> = fs::read_dir(&folder)?.flatten().map(|entry| entry.path()).collect();
+        let name_of = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let layout_of = |path: &PathBuf| {
+            let layout = name_of(path).strip_prefix(first)?.strip_suffix(last)?.to_owned();
+            Some((fs::metadata(path).and_then(|file| file.modified()).ok()?, layout))
+        };
+        let mut known: Vec<(SystemTime, String)> = files.iter().filter_map(layout_of).collect();
+        known.sort();
+        known.retain(|(_, known)| known != layout);
+        for (_, oldest) in known.iter().take((known.len() + 1).saturating_sub(MOST)) {
+            info!(bake_id = id, layout = oldest, "a layout that was not used for longest goes, with its results");
+            for file in files.iter().filter(|file| name_of(file).contains(oldest)) {
+                fs::remove_file(file)?;
+            }
         }
-        write_atomically(&folder.join(name), request)?;
-        Ok(true)
+        Ok(())
     }
 
     /// Removes the files that an ended bake no longer needs: temporary files, and of one without a result assets and
@@ -284,7 +381,11 @@ impl Store {
 
     /// Marks a bake as used.
     pub fn touch(&self, id: &str) {
-        let _ = touch(&self.folder(id).join(STATUS));
+        let _ = self.mark_used(&self.folder(id).join(STATUS));
+    }
+
+    fn mark_used(&self, path: &Path) -> Result<()> {
+        File::options().append(true).open(path)?.set_modified(self.clock.now())
     }
 
     /// Loads the status of all bakes. Removes bake folders without one, and leaves other files alone.
@@ -312,49 +413,38 @@ impl Store {
 
     pub fn remove(&self, id: &str) -> Result<()> {
         failpoints::at("store-remove")?;
+        self.check_here()?;
         match fs::remove_dir_all(self.folder(id)) {
             Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
             _ => Ok(()),
         }
     }
+}
 
-    /// Removes entries that are too old, then the least recently used ones until the rest fits. `remove_bake` removes a
-    /// bake unless it is unfinished, and returns whether it did. Returns the remaining bytes.
-    pub fn trim(&self, remove_bake: impl Fn(&str) -> Result<bool>) -> Result<u64> {
-        let mut cached = bytes_below(&self.root.join(CACHE));
-        let mut entries = Vec::new();
-        for (folder, is_ours) in [("assets", is_asset as fn(&Path) -> bool), ("bakes", is_bake)] {
-            for entry in fs::read_dir(self.root.join(folder))? {
-                // The entry may have been removed meanwhile.
-                let path = entry.ok().map(|entry| entry.path()).filter(|path| is_ours(path));
-                entries.extend(path.and_then(|path| Kept::of(path).ok()));
-            }
-        }
-        entries.sort_by_key(|kept| kept.used);
-        let mut total: u64 = entries.iter().map(|kept| kept.bytes).sum();
-        if cached > 0 && total + cached > self.most_bytes {
-            // Results are worth more than the cache, which only saves time.
-            let _ = fs::remove_dir_all(self.root.join(CACHE));
-            cached = 0;
-        }
-        total += cached;
-        let oldest = self.longest.and_then(|longest| SystemTime::now().checked_sub(longest));
-        for kept in entries {
-            let too_old = oldest.is_some_and(|oldest| kept.used < oldest);
-            if !too_old && total <= self.most_bytes {
-                break;
-            }
-            let name = kept.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let removed = if kept.is_bake { remove_bake(&name) } else { fs::remove_file(&kept.path).map(|()| true) };
-            // One failure does not protect the other entries.
-            let is_gone = removed.unwrap_or_else(|error| {
-                warn!(path = %kept.path.display(), %error, "an entry over the limits could not be removed");
-                false
-            });
-            total -= if is_gone { kept.bytes } else { 0 };
-        }
-        Ok(total)
+/// The name of an asset's file.
+fn asset_name(sha256: &str, project: &str) -> String {
+    match project {
+        "" => sha256.to_owned(),
+        _ => format!("{sha256}-{}", blake3::hash(project.as_bytes()).to_hex()),
     }
+}
+
+/// The entries of a folder that are ours.
+fn entries(folder: &Path, is_ours: fn(&Path) -> bool) -> Result<Vec<Kept>> {
+    // An entry may be removed meanwhile.
+    let paths = fs::read_dir(folder)?.filter_map(|entry| Some(entry.ok()?.path())).filter(|path| is_ours(path));
+    Ok(paths.filter_map(|path| Kept::of(path).ok()).collect())
+}
+
+#[cfg(unix)]
+fn is_same(one: &fs::Metadata, other: &fs::Metadata) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    (one.dev(), one.ino()) == (other.dev(), other.ino())
+}
+
+#[cfg(not(unix))]
+fn is_same(_: &fs::Metadata, _: &fs::Metadata) -> bool {
+    true
 }
 
 impl Upload {
@@ -428,72 +518,8 @@ impl Kept {
         };
         Ok(Kept { path, is_bake, bytes, used })
     }
-}
 
-fn touch(path: &Path) -> Result<()> {
-    File::options().append(true).open(path)?.set_modified(SystemTime::now())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use cairn_wire::proto::BakeState;
-
-    /// An id in the form of a bake's.
-    fn id(name: &str) -> String {
-        hex(&Sha256::digest(name))
-    }
-
-    fn bake(store: &Store, name: &str, bytes: usize, age: u64) {
-        let id = &id(name);
-        let folder = store.prepare(id, &BakeSpec::default(), "").unwrap();
-        fs::write(folder.join("result.glb"), vec![0; bytes]).unwrap();
-        let mut status = BakeStatus { bake_id: id.clone(), ..Default::default() };
-        status.set_state(BakeState::Succeeded);
-        store.write_status(&status).unwrap();
-        let used = SystemTime::now() - Duration::from_secs(age);
-        File::options().append(true).open(folder.join(STATUS)).unwrap().set_modified(used).unwrap();
-    }
-
-    fn names(store: &Store) -> Vec<String> {
-        let mut names: Vec<String> = store.load().unwrap().into_iter().map(|status| status.bake_id).collect();
-        names.sort();
-        names
-    }
-
-    #[test]
-    fn the_least_recently_used_is_removed_first() {
-        let folder = tempfile::tempdir().unwrap();
-        let config = Config { data: folder.path().join("data"), store_mib: 3, store_days: 1, ..Config::default() };
-        let store = Store::open(&config).unwrap();
-        for (name, age) in [("new", 0), ("older", 20), ("oldest", 30), ("at work", 40), ("past its days", 90_000)] {
-            bake(&store, name, 1 << 20, age);
-        }
-        let remove = |bake: &str| Ok(bake != id("at work") && store.remove(bake).is_ok());
-        let left = store.trim(remove).unwrap();
-        let mut expected = [id("at work"), id("new")];
-        expected.sort();
-        assert_eq!(names(&store), expected);
-        assert!((2 << 20..3 << 20).contains(&left), "{left}");
-        store.touch(&id("at work"));
-        assert_eq!(store.trim(remove).unwrap(), left);
-    }
-
-    #[test]
-    fn a_bake_keeps_its_assets() {
-        let folder = tempfile::tempdir().unwrap();
-        let config = Config { data: folder.path().join("data"), store_mib: 0, ..Config::default() };
-        let store = Store::open(&config).unwrap();
-        let mut upload = store.upload().unwrap();
-        upload.write(b"a prop").unwrap();
-        let sha256 = hex(&Sha256::digest(b"a prop"));
-        assert!(store.keep(upload, &sha256, "").unwrap() && store.has(&sha256, ""));
-        assert!(!store.has(&sha256, "another project"));
-        let asset = cairn_wire::proto::AssetReference { uri: "prop.glb".into(), sha256: sha256.clone() };
-        let bake = store.prepare("bake", &BakeSpec { assets: vec![asset], ..Default::default() }, "").unwrap();
-        store.trim(|_| Ok(false)).unwrap();
-        assert!(!store.has(&sha256, ""));
-        assert_eq!(fs::read(bake.join(ASSETS).join(sha256)).unwrap(), b"a prop");
-        assert!(Store::open(&config).is_err(), "one server at a time");
+    fn name(&self) -> String {
+        self.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::event_log::{self, LogWriter};
 use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SCENE, SPEC, layout_name};
+use crate::seal::{CHANGED, sealed, unsealed};
 use crate::status::DISK_FULL;
 use crate::worker_message::{Envelope, Invalid, ResultHead, WorkerMessage};
 use bytes::Bytes;
@@ -44,6 +45,7 @@ impl From<std::io::Error> for WorkerError {
             ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
                 WorkerMessage::NotWritten(DISK_FULL.into())
             }
+            ErrorKind::InvalidData => WorkerMessage::Broken(CHANGED.into()),
             _ => WorkerMessage::Broken(cairn_files::plain_reason(&error)),
         }))
     }
@@ -136,7 +138,7 @@ pub fn bake(folder: &Path, cache: &mut BakeCache) -> Result<(), WorkerError> {
     let done = done.map_err(|error| failed(error, &job.notes))?;
     let pile = postcard::to_stdvec(&(&done.bake.pile, &done.bake.report.measures))
         .map_err(|error| WorkerError::Internal(error.to_string()))?;
-    cairn_files::write_atomically(&folder.join(PILE), &pile)?;
+    cairn_files::write_atomically(&folder.join(PILE), &sealed(pile))?;
     write(folder, &kind, &done.result, REPORT, &done.report)?;
     let summary = summary(&done);
     watcher.log.append(Kind::Summary(summary.clone()))?;
@@ -151,8 +153,10 @@ pub fn export(folder: &Path, format: &str, layout: Option<&str>) -> Result<(), W
     let kind = ResultKind { format, layout: layout.map(str::to_owned) };
     let (_, mut job) = read(folder)?;
     if let Some(layout) = layout {
-        let asked = proto::DownloadResultRequest::decode(Bytes::from(std::fs::read(folder.join(layout_name(layout)))?))
-            .map_err(|error| WorkerError::Internal(error.to_string()))?;
+        let asked = proto::DownloadResultRequest::decode(Bytes::from(unsealed(std::fs::read(
+            folder.join(layout_name(layout)),
+        )?)?))
+        .map_err(|error| WorkerError::Internal(error.to_string()))?;
         let laid_out = job.laid_out(asked.usd.as_ref()).map_err(|problems| invalid(&problems))?;
         job = laid_out.referred_from(&asked.asset_folder);
     }
@@ -168,7 +172,7 @@ pub fn export(folder: &Path, format: &str, layout: Option<&str>) -> Result<(), W
 /// The pile of a finished bake, and its measures. `report`: the bake's own.
 fn kept(folder: &Path, report: &str) -> Result<(BakedPile, Measures), WorkerError> {
     if folder.join(PILE).is_file() {
-        return postcard::from_bytes(&read_file(&folder.join(PILE))?).map_err(broken);
+        return postcard::from_bytes(&unsealed(read_file(&folder.join(PILE))?)?).map_err(broken);
     }
     // The parameters that follow the pile there are those of another version.
     let bytes = read_file(&folder.join(EARLIER_PILE))?;
@@ -212,12 +216,12 @@ fn write(
     cairn_files::write_atomically(&folder.join(report_name), report.as_bytes())?;
     result.write_sidecars(&path)?;
     cairn_files::write_atomically(&path, &result.bytes)?;
-    cairn_files::write_atomically(&folder.join(kind.head_name()), &head.encode_to_vec())?;
+    cairn_files::write_atomically(&folder.join(kind.head_name()), &sealed(head.encode_to_vec()))?;
     Ok(head)
 }
 
 fn read(folder: &Path) -> Result<(proto::BakeSpec, Job), WorkerError> {
-    let spec = proto::BakeSpec::decode(Bytes::from(std::fs::read(folder.join(SPEC))?))
+    let spec = proto::BakeSpec::decode(Bytes::from(unsealed(std::fs::read(folder.join(SPEC))?)?))
         .map_err(|error| WorkerError::Internal(error.to_string()))?;
     let scene = spec.scene.clone().unwrap_or_default();
     let missing: Vec<usize> = (spec.assets.iter().enumerate())
@@ -266,6 +270,11 @@ impl FileSource for Uploads {
             ErrorKind::NotFound => Problem::new(&name, NOT_UPLOADED, "").of_cause(Cause::NotUploaded),
             _ => Problem::new(&name, format!("cannot be read: {error}"), "Upload it again."),
         })?;
+        let is_whole = file.file_name().is_some_and(|stated| stated == hex(&Sha256::digest(&bytes)).as_str());
+        if !is_whole {
+            let remedy = "Export it again, so that it has another hash, or ask the operator to delete the asset.";
+            return Err(Problem::new(name, "the server's copy has changed since it was uploaded", remedy));
+        }
         if bytes.is_empty() { Err(Problem::new(name, "the file is empty", "Export it again.")) } else { Ok(bytes) }
     }
 

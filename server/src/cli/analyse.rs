@@ -1,11 +1,12 @@
 //! `cairn analyse`: what holds what in a pile that stands.
 
+use super::allowed::{AllowArgs, check_refused};
 use super::bounds::{self, Bounds};
 use super::remote::{self, ConnectionArgs};
 use super::{Failure, analysis_summary, interrupt, output, print, print_note};
 use cairn_analysis::{AnalysisOptions, PileAnalysis};
 use cairn_export::analysis::{self, Figure, FoundPile, Selection};
-use cairn_files::{Disk, FileSource};
+use cairn_files::FileSource;
 use cairn_gltf::Document;
 use cairn_input::observer::{Observer, Progress};
 use cairn_job::{InputFile, machine};
@@ -105,6 +106,9 @@ pub struct Args {
     connection: ConnectionArgs,
 
     #[command(flatten)]
+    allow: AllowArgs,
+
+    #[command(flatten)]
     bounds: Bounds,
 }
 
@@ -164,7 +168,7 @@ fn analyse(args: &Args) -> Result<(), Failure> {
         return Err(Failure::usage("--picture", "not the name of a picture", "Use the extension .png."));
     }
     bounds::use_threads(0)?;
-    let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
+    let disk: Arc<dyn FileSource> = args.allow.disk(&[&args.pile], args.server.is_some())?;
     let file = InputFile::read(&args.pile, &disk).map_err(Failure::input)?;
     let selection = Selection {
         scenery: args.scenery.clone(),
@@ -176,8 +180,11 @@ fn analyse(args: &Args) -> Result<(), Failure> {
         seconds: args.time,
         most_triangles: args.bounds.limits().triangles,
     };
-    cairn_job::analysis::with_pile(&file, &selection, |document, pile| show(args, &file, &selection, document, pile))
-        .map_err(Failure::input)?
+    cairn_job::analysis::with_pile(&file, &selection, |document, pile| {
+        check_refused(disk.refused())?;
+        show(args, &file, &selection, document, pile)
+    })
+    .map_err(Failure::input)?
 }
 
 /// Analyses the pile of a file, and writes and prints what is found.

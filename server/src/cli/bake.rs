@@ -89,7 +89,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let what = "progress is also written to the standard output";
         return Err(Failure::usage("--progress openjd", what, "Name a file for the result."));
     }
-    let mut tree = args.scene.tree()?;
+    let mut tree = if args.server.is_some() { args.scene.tree_to_send()? } else { args.scene.tree()? };
     args.goal.set(&mut tree);
     if let Some(server) = &args.server {
         return bake_there(args, &tree, format, server);

@@ -45,9 +45,9 @@ pub struct PlanArgs {
 }
 
 impl PlanArgs {
-    /// The scene.
-    pub fn tree(&self) -> Result<SceneTree, Failure> {
-        self.scene.tree()
+    /// The scene, to send it.
+    pub fn tree_to_send(&self) -> Result<SceneTree, Failure> {
+        self.scene.tree_to_send()
     }
 
     /// Reads the scene with all its files, and plans its bake.

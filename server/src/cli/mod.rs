@@ -1,5 +1,6 @@
 //! The command line: one file per command, and shared parts.
 
+mod allowed;
 mod analyse;
 mod analysis_summary;
 mod bake;

@@ -1,10 +1,11 @@
 //! `cairn pack`: a pile for games and the web.
 
+use super::allowed::{AllowArgs, check_refused};
 use super::{Failure, bounds, interrupt, output, print, print_warning};
 use cairn_export::ExportError;
 use cairn_export::pack::{self, MANIFEST, Manifest, PackError, PackOptions};
 use cairn_files::problem::Problem;
-use cairn_files::{Disk, FileSource, folder_of};
+use cairn_files::{FileSource, folder_of};
 use cairn_job::InputFile;
 use cairn_render::RenderModel;
 use std::borrow::Cow;
@@ -45,6 +46,9 @@ pub struct Args {
     /// Print the manifest
     #[arg(long)]
     json: bool,
+
+    #[command(flatten)]
+    allow: AllowArgs,
 }
 
 /// What a pack may leave of an earlier one.
@@ -55,7 +59,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::listen();
     check(args)?;
     bounds::use_threads(0)?;
-    let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
+    let disk: Arc<dyn FileSource> = args.allow.disk(&[&args.pile], false)?;
     let file = InputFile::read(&args.pile, &disk).map_err(Failure::input)?;
     let bad = |what: String| Failure::input(Problem::new(&file.name, what, "Give a .glb that `cairn bake` wrote."));
     let bytes = cairn_export::as_gltf(&file.bytes, &*file.resolve).map(Cow::into_owned).map_err(bad)?;
@@ -70,6 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Err(PackError::Mesh(error)) => return Err(Failure::Internal(error.to_string())),
         Err(error) => return Err(bad(error.to_string())),
     };
+    check_refused(disk.refused())?;
     write(&args.output, &manifest)?;
     manifest.left_out.iter().for_each(|sentence| print_warning(sentence));
     print(&if args.json { manifest.text() } else { summary(&manifest) })

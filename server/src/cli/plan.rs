@@ -44,7 +44,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// The plan that a server makes.
 fn on_server(args: &Args, server: &str) -> Result<(), Failure> {
     interrupt::listen();
-    let tree = args.plan.tree()?;
+    let tree = args.plan.tree_to_send()?;
     let files = remote::Files::read(&tree)?;
     let plan = remote::plan(&args.connection.at(server)?, tree.to_message(), &files)?;
     if args.plan.json {

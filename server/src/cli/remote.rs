@@ -8,6 +8,7 @@ use cairn_analysis::PileAnalysis;
 use cairn_export::analysis::Selection;
 use cairn_export::{Encoded, Format, SIDECAR_FOLDER};
 use cairn_files::problem::Problem;
+use cairn_gltf::media::media_type;
 use cairn_input::observer::Observer;
 use cairn_input::params::Accuracy;
 use cairn_job::goal::OVERLAP;
@@ -161,22 +162,19 @@ pub struct Files {
 }
 
 impl Files {
-    /// Reads the scene's files, and the files that they name. The server checks their content. A path may visibly lead
-    /// out of the scene's own folder, by `../` or from the root, but not by a link; and out of a model's folder only to
-    /// a picture.
+    /// Reads the scene's files, and the files that they name, each of which is known by its content to be a model, a
+    /// buffer or a picture. The server checks the rest. Files outside of the scene's folder: see [`Fence`].
+    ///
+    /// [`Fence`]: cairn_files::fence::Fence
     pub fn read(tree: &SceneTree) -> Result<Files, Failure> {
         let (scene, folder, source) = (tree.to_message(), tree.folder(), tree.files());
+        debug_assert!(source.is_fenced());
         let mut found = BTreeMap::new();
         let mut problems = Vec::new();
         let models = cairn_job::model_files(&scene);
         let parts = cairn_job::usd_parts(&scene);
         let names = PortableNames::new(models.iter().map(PathBuf::as_path), folder);
         for path in models {
-            if cairn_files::is_below(folder, &path) && cairn_files::leads_out(folder, &path) {
-                let what = "a link that leads out of the scene's folder, which is not sent";
-                problems.push(Problem::at(&path, what, "Name its target, or put the file itself there."));
-                continue;
-            }
             let file = match InputFile::read_parts(&path, &source, parts.get(&path)) {
                 Ok(file) => file,
                 Err(problem) => {
@@ -184,21 +182,19 @@ impl Files {
                     continue;
                 }
             };
+            problems.extend(file.recognise().err());
             let folder = cairn_files::folder_of(&path);
             // Only a bake that uses a missing texture needs it.
             for (relative, bytes) in file.sidecars() {
                 let Some(there) = cairn_job::place(folder, &relative) else { continue };
                 let there = source.find(&there).unwrap_or(there);
-                let is_below = !relative.starts_with("../") && Path::new(&relative).is_relative();
-                if is_below && cairn_files::leads_out(folder, &there) {
-                    let what = "a link that leads out of the folder of its .gltf file, which is not sent";
-                    problems.push(Problem::at(&there, what, "Put the file itself there."));
-                    continue;
-                }
+                problems.extend(check_kind(&there, &bytes).err());
                 found.insert(names.beside(&file.name, &relative), (there, bytes));
             }
             found.insert(names.of(&file.name), (file.path, file.bytes));
         }
+        let refused = source.refused();
+        problems.extend(refused.into_iter().filter(|refused| !problems.contains(refused)).collect::<Vec<_>>());
         if !problems.is_empty() {
             return Err(Failure::Input(problems));
         }
@@ -239,6 +235,20 @@ impl Files {
     pub fn paths(&self) -> Vec<PathBuf> {
         self.paths.clone()
     }
+}
+
+/// Endings of the names of glTF's buffers, as they are registered. Nothing in a buffer says what it is.
+const BUFFERS: [&str; 3] = ["bin", "glbin", "glbuf"];
+
+/// Checks that a file that a model names is a layer of USD, a picture or a buffer.
+fn check_kind(path: &Path, bytes: &[u8]) -> Result<(), Problem> {
+    let is_known = cairn_export::is_usd_content(bytes) || media_type(bytes).is_some();
+    let extension = path.extension().unwrap_or_default();
+    if is_known || BUFFERS.iter().any(|known| extension.eq_ignore_ascii_case(known)) {
+        return Ok(());
+    }
+    let what = "not sent: a model names it as its buffer, but its name is not that of one";
+    Err(Problem::at(path, what, "End its name in .bin, and name it so in the model; or export that as one .glb file."))
 }
 
 /// `cairn bake --server`. Ctrl-C cancels the bake on the server.
@@ -311,7 +321,11 @@ pub fn analyse(
     bodies: usize,
 ) -> Result<PileAnalysis, Failure> {
     let names = PortableNames::new([Path::new(&file.name)].into_iter(), cairn_files::folder_of(Path::new(&file.name)));
-    let beside = file.read_so_far().into_iter();
+    let beside = file.read_so_far();
+    for (relative, bytes) in &beside {
+        check_kind(Path::new(relative), bytes).map_err(Failure::input)?;
+    }
+    let beside = beside.into_iter();
     let beside = beside.map(|(relative, bytes)| (names.beside(&file.name, &relative), Bytes::from(bytes)));
     let all = std::iter::once((names.of(&file.name), Bytes::copy_from_slice(&file.bytes))).chain(beside);
     let (mut assets, mut contents) = (Vec::new(), BTreeMap::new());

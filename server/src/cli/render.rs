@@ -1,9 +1,10 @@
 //! `cairn render`: renders a still of a baked pile.
 
+use super::allowed::{AllowArgs, check_refused};
 use super::{Failure, interrupt, output, print_warning};
 use cairn_export::arrays::Arrays;
+use cairn_files::FileSource;
 use cairn_files::problem::Problem;
-use cairn_files::{Disk, FileSource};
 use cairn_job::InputFile;
 use cairn_job::removals::Removals;
 use cairn_render::{Moment, RenderError, RenderModel, Settings, missing_pictures, render, views};
@@ -87,6 +88,9 @@ pub struct Args {
     /// the report says of each
     #[arg(long, value_name = "REPORT", conflicts_with_all = ["frame", "time"])]
     removals: Option<PathBuf>,
+
+    #[command(flatten)]
+    allow: AllowArgs,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -109,13 +113,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         wide: args.wide,
         glue: args.glue,
     };
-    let disk: Arc<dyn FileSource> = Arc::new(Disk::default());
+    let models: Vec<&PathBuf> = [&args.pile].into_iter().chain(&args.control).collect();
+    let disk: Arc<dyn FileSource> = args.allow.disk(&models, false)?;
     let read = |path: &PathBuf| InputFile::read(path, &disk).map_err(Failure::input);
     let read = |path: &PathBuf| read(path).and_then(as_gltf);
     let pile = read(&args.pile)?;
     let Some(format) = format else { return write_arrays(args, &model(&pile), &settings) };
     let control = args.control.as_ref().map(read).transpose()?;
     let picture = render(&model(&pile), control.as_ref().map(model).as_ref(), &settings)?;
+    check_refused(disk.refused())?;
     missing_pictures(&model(&pile)).iter().for_each(|sentence| print_warning(sentence));
     write(&args.output, &picture, format)
 }

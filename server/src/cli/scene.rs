@@ -34,11 +34,12 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let mut tree = args.scene.tree()?;
     if let Some(folder) = &args.request {
+        let tree = args.scene.tree_to_send()?;
         let files = remote::Files::read(&tree)?;
         return files.write(tree.to_message(), folder);
     }
+    let mut tree = args.scene.tree()?;
     if args.full {
         let scene = tree.to_message();
         let params = from_proto::params(&scene).map_err(Failure::Input)?;

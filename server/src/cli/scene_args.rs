@@ -1,9 +1,11 @@
 //! The arguments that describe a scene, for all commands: a scene file, flags, or both.
 
+use super::allowed::AllowArgs;
 use super::{Failure, output};
 use cairn_export::Format;
-use cairn_files::is_model_file;
+use cairn_files::fence::Fence;
 use cairn_files::problem::Problem;
+use cairn_files::{is_model_file, split_node};
 use cairn_job::provenance;
 use cairn_wire::scene_file::SceneTree;
 use cairn_wire::to_proto;
@@ -15,8 +17,8 @@ use std::sync::OnceLock;
 
 #[derive(Clone, clap::Args)]
 pub struct SceneArgs {
-    /// Scene file (.toml or .json), as written by `cairn scene`, or a result (.glb, .usdc, .usda, .usdz), which holds
-    /// its scene; - is a scene file on the standard input. The flags below override it
+    /// Scene file (.toml or .json), as written by `cairn scene`, or a result (.glb, .json, .usdc, .usda, .usdz), which
+    /// holds its scene; - is a scene file on the standard input. The flags below override it
     pub scene: Option<PathBuf>,
 
     /// Closed mesh that the pile fills: a .glb or .gltf file, or one node of it (shapes.glb#Dome), or a USD file or
@@ -61,6 +63,9 @@ pub struct SceneArgs {
     /// folder, one above it, the current one]
     #[arg(long, value_name = "FOLDER", help_heading = "Scene")]
     assets: Option<PathBuf>,
+
+    #[command(flatten)]
+    allow: AllowArgs,
 }
 
 /// The names of the accuracies. They are never freed, because clap takes only static text.
@@ -72,9 +77,12 @@ fn accuracy_names() -> Vec<&'static str> {
 /// The accuracy that a goal chooses.
 const AUTO: &str = "auto";
 
-/// Whether a path names a result instead of a scene file.
+/// Whether a path names a result instead of a scene file. A `.json` may be either.
 pub fn is_result(path: &Path) -> bool {
-    Format::of(path).is_some_and(Format::states_origin)
+    match Format::of(path) {
+        Some(Format::Json) => cairn_files::read(path).is_ok_and(|bytes| provenance::origin(&bytes).is_some()),
+        format => format.is_some_and(Format::states_origin),
+    }
 }
 
 /// The scene file on the standard input, read once. Its paths are relative to the current folder.
@@ -105,7 +113,39 @@ impl SceneArgs {
 
     /// The scene file, then the flags, then `--set`, each over what came before.
     pub fn tree(&self) -> Result<SceneTree, Failure> {
-        let mut tree = match &self.scene {
+        self.read(self.allow.is_strict())
+    }
+
+    /// The same, of which only some files may be read: to send them.
+    pub fn tree_to_send(&self) -> Result<SceneTree, Failure> {
+        self.read(true)
+    }
+
+    fn read(&self, is_fenced: bool) -> Result<SceneTree, Failure> {
+        let own = self.own()?;
+        let given = cairn_job::model_files(&own.to_message());
+        let tree = self.over(own)?;
+        if !is_fenced {
+            return Ok(tree);
+        }
+        // The folder of a result is that in which its files were found, which may be any.
+        let home = match &self.scene {
+            Some(path) if is_result(path) => cairn_files::folder_of(path),
+            _ => tree.folder(),
+        };
+        let flags = [&self.control, &self.props, &self.statics, &self.around].into_iter().flatten();
+        let flags = flags.map(|path| split_weight(path).map_or(&**path, |(path, _)| path));
+        let flags = flags.map(|path| PathBuf::from(split_node(path).0));
+        let set = cairn_job::model_files(&tree.to_message()).into_iter().filter(|path| !given.contains(path));
+        let named: Vec<PathBuf> = flags.chain(set).collect();
+        let others: Vec<PathBuf> = self.allow.folders()?.into_iter().chain(self.assets.clone()).collect();
+        let fence = Fence::new(home, &others, named);
+        Ok(tree.fenced(fence))
+    }
+
+    /// The scene file.
+    fn own(&self) -> Result<SceneTree, Failure> {
+        Ok(match &self.scene {
             Some(path) if is_result(path) => provenance::scene(path, self.assets.as_deref()).map_err(Failure::Input)?,
             Some(path) if output::is_stdout(path) => from_stdin()?,
             Some(path) => SceneTree::load(path).map_err(Failure::Input)?,
@@ -114,7 +154,11 @@ impl SceneArgs {
                 return Err(Failure::usage("command line", "no scene is given", remedy));
             }
             None => SceneTree::default(),
-        };
+        })
+    }
+
+    /// The flags, then `--set`, over a scene.
+    fn over(&self, mut tree: SceneTree) -> Result<SceneTree, Failure> {
         let mut problems = Vec::new();
         match &*self.control {
             [] => {}
@@ -175,6 +219,7 @@ impl SceneArgs {
         args.extend(self.fps.iter().flat_map(|fps| given("--fps", fps)));
         args.extend(flag("--set", &self.set));
         args.extend(self.assets.iter().flat_map(|folder| ["--assets".into(), folder.clone().into_os_string()]));
+        args.extend(self.allow.to_args());
         args
     }
 }

@@ -3,6 +3,7 @@
 use super::bounds::{self, Bounds};
 use super::progress::{Mode, Reporter};
 use super::{Failure, interrupt, print};
+use cairn_export::pack::MANIFEST;
 use cairn_export::{Encoded, Format};
 use cairn_files::problem::Problem;
 use cairn_job::report::versions_json;
@@ -22,7 +23,7 @@ Examples:
 
 Exit code 0: all are the same; 1: a result differs.")]
 pub struct Args {
-    /// Results: .glb, .usdc, .usda, .usdz
+    /// Results: .glb, .json, .usdc, .usda, .usdz; a .csv, a .xml and a pack do not hold their scene
     #[arg(required = true, value_name = "RESULT")]
     results: Vec<PathBuf>,
 
@@ -73,8 +74,23 @@ fn sample(all: &[PathBuf], count: Option<u64>) -> Vec<&Path> {
     (0..count).map(|number| &*all[number * all.len() / count]).collect()
 }
 
+/// Refuses what holds no scene, whoever wrote it.
+fn check_format(path: &Path) -> Result<(), Failure> {
+    let is_pack = path.is_dir() && path.join(MANIFEST).is_file();
+    let kind = match Format::of(path) {
+        _ if is_pack => "pack".to_owned(),
+        Some(format) if !format.states_origin() => format!(".{}", format.extension()),
+        _ => return Ok(()),
+    };
+    let what = format!("a {kind} cannot be verified: it does not hold its scene");
+    let remedy = "Verify a .glb, .json or USD result of the same bake; or bake the scene again with --report, and \
+                  compare output_blake3.";
+    Err(Failure::input(Problem::at(path, what, remedy)))
+}
+
 /// Bakes a result again. Returns the difference, if any.
 fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
+    check_format(path)?;
     let tree = provenance::scene(path, args.assets.as_deref()).map_err(Failure::Input)?;
     let before = cairn_files::read(path).map_err(Failure::input)?;
     let Some(origin) = provenance::origin(&before) else { unreachable!("its scene was read") };
@@ -86,7 +102,7 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     let job = Job::read_tree(&tree, args.bounds.limits())?;
     let job = job.relative_to(tree.folder()).written_into(cairn_files::folder_of(path));
     let mut reporter = Reporter::new(args.progress);
-    let format = Format::of(path).filter(|format| format.states_origin()).unwrap_or(Format::Glb);
+    let format = Format::of(path).unwrap_or(Format::Glb);
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
     reporter.finish(done.is_ok());
     let FinishedBake { result, hash, .. } = done?;

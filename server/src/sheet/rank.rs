@@ -79,7 +79,7 @@ fn candidate(folder: &Path, name: &str, report: &str) -> Result<Candidate, Probl
     let report = folder.join(report);
     let content: ReportFile = serde_json::from_slice(&cairn_files::read(&report)?)
         .map_err(|error| Problem::at(&report, format!("not a report: {error}"), "Bake the result again."))?;
-    let shows = Format::ALL.into_iter().filter(|format| format.states_origin());
+    let shows = Format::ALL.into_iter().filter(|format| format.holds_models());
     let mut paths: Vec<PathBuf> = shows.map(|format| folder.join(format!("{name}.{}", format.extension()))).collect();
     // The first one is missed if there is none.
     let first = paths[0].clone();

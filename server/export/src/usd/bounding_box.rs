@@ -25,7 +25,7 @@ impl BoundingBox {
 
     /// Takes in another box, moved.
     pub fn join(&mut self, other: &BoundingBox, by: DAffine3) {
-        if other.low.x > other.high.x {
+        if other.is_empty() {
             return;
         }
         for corner in 0..8 {
@@ -34,9 +34,13 @@ impl BoundingBox {
         }
     }
 
+    /// Whether nothing is in it.
+    pub fn is_empty(&self) -> bool {
+        self.low.x > self.high.x
+    }
+
     /// The attribute `extent` of a prim.
     pub fn extent(&self) -> Vec<gf::Vec3f> {
-        let is_empty = self.low.x > self.high.x;
-        if is_empty { vec![gf::Vec3f::from([0.0; 3]); 2] } else { vec![vector(self.low), vector(self.high)] }
+        if self.is_empty() { vec![gf::Vec3f::from([0.0; 3]); 2] } else { vec![vector(self.low), vector(self.high)] }
     }
 }

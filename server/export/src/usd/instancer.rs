@@ -19,13 +19,21 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Values at moments, by their frames.
 type Samples = Vec<(f64, Value)>;
 
-/// Writes the bodies below the pile's prim. Gives the prims of their props.
+/// What is known of the bodies that were written.
+pub struct WrittenBodies {
+    /// The prims of their props.
+    pub prototypes: BTreeMap<usize, Path>,
+    /// All of them in all frames that are shown, in the stage.
+    pub bounds: BoundingBox,
+}
+
+/// Writes the bodies below the pile's prim.
 pub fn write<'a>(
     stage: &mut UsdStage<'a>,
     pile: &Path,
     bake: &BakedPile,
     scene: &'a ExportScene,
-) -> Result<BTreeMap<usize, Path>, ExportError> {
+) -> Result<WrittenBodies, ExportError> {
     let layout = stage.layer.layout.clone();
     let instancer = stage.layer.prim(pile, "Bodies", "PointInstancer");
     let (prototypes, bounds) = prototypes(stage, &instancer, bake, scene)?;
@@ -64,7 +72,8 @@ pub fn write<'a>(
     }
     let first = if is_still { bake.frames.len() - 1 } else { 0 };
     let shown = first..bake.frames.len();
-    let extents: Vec<_> = shown.map(|frame| room(bake, frame, &bounds, &layout).extent()).collect();
+    let rooms: Vec<BoundingBox> = shown.map(|frame| room(bake, frame, &bounds, &layout)).collect();
+    let extents: Vec<_> = rooms.iter().map(BoundingBox::extent).collect();
     let extent = |frame: usize| (frame as f64, Value::Vec3fVec(extents[frame].clone()));
     layer.animated(&instancer, "float3[] extent", changes(&extents).into_iter().map(extent).collect());
     if let Some(glue) = &bake.glue {
@@ -74,7 +83,10 @@ pub fn write<'a>(
         layer.primvar(&instancer, "int[] primvars:cairn:cluster", "vertex", clusters);
         layer.primvar(&instancer, "bool[] primvars:cairn:anchored", "vertex", anchored);
     }
-    Ok(prototypes.into_iter().map(|(prop, (_, prim))| (prop, prim)).collect())
+    let mut bounds = BoundingBox::default();
+    rooms.iter().for_each(|room| bounds.join(room, DAffine3::IDENTITY));
+    let prototypes = prototypes.into_iter().map(|(prop, (_, prim))| (prop, prim)).collect();
+    Ok(WrittenBodies { prototypes, bounds })
 }
 
 /// The props that bodies have, by their numbers: place among the prototypes, and prim. And the bounding box of each.
@@ -210,19 +222,34 @@ fn room(bake: &BakedPile, frame: usize, bounds: &BTreeMap<usize, BoundingBox>, l
     all
 }
 
+/// The poses that a stage shows, as it has them.
+fn shown<'a>(poses: &'a [Pose], layout: &'a Layout) -> impl Iterator<Item = Pose> + 'a {
+    let poses = if layout.motion == UsdMotion::None { &poses[poses.len() - 1..] } else { poses };
+    poses
+        .iter()
+        .map(|pose| Pose { translation: layout.place(pose.translation), rotation: layout.rotation(pose.rotation) })
+}
+
+/// A box in all poses of its prim.
+pub fn swept(bounds: &BoundingBox, poses: &[Pose], layout: &Layout) -> BoundingBox {
+    let mut all = BoundingBox::default();
+    for pose in shown(poses, layout) {
+        all.join(bounds, DAffine3::from_rotation_translation(pose.rotation, pose.translation));
+    }
+    all
+}
+
 /// Writes a prim that is placed by poses.
 pub fn place(stage: &mut UsdStage, prim: &Path, poses: &[Pose]) {
     let layout = stage.layer.layout.clone();
-    let poses = if layout.motion == UsdMotion::None { &poses[poses.len() - 1..] } else { poses };
+    let poses: Vec<Pose> = shown(poses, &layout).collect();
     let moments = |track: Option<Vec<u32>>| track.unwrap_or_else(|| vec![0]);
-    let moved =
-        |pose: &Pose| Pose { translation: layout.place(pose.translation), rotation: layout.rotation(pose.rotation) };
-    let translations = tracks::translations(poses.iter().map(moved));
+    let translations = tracks::translations(poses.iter().copied());
     let frames = moments(tracks::thin(&translations).map(|track| track.frames));
     let value = |frame: u32| Value::Vec3d(translations[frame as usize].map(f64::from).into());
     let samples = frames.into_iter().map(|frame| (f64::from(frame), value(frame))).collect();
     stage.layer.animated(prim, "double3 xformOp:translate", samples);
-    let rotations = tracks::rotations(poses.iter().map(moved));
+    let rotations = tracks::rotations(poses.iter().copied());
     let frames = moments(tracks::thin(&rotations).map(|track| track.frames));
     let value = |frame: u32| {
         let [x, y, z, w] = rotations[frame as usize];

@@ -36,13 +36,16 @@ mod to_gltf;
 
 use super::hierarchy::BranchFrame;
 use super::{Encoded, ExportError, ExportScene, ORIGIN};
+use bounding_box::BoundingBox;
 use cairn_core::report::TIMED_FIGURES;
 use cairn_core::report::bake::BakedPile;
 use cairn_wire::proto::UsdMotion;
 use glam::DAffine3;
+use instancer::WrittenBodies;
 use layer::{Encoding, Layer, short_name};
 use layout::Layout;
 use model::UsdStage;
+use openusd::gf;
 use openusd::sdf::{AbstractData, FieldKey, Path, Value};
 use openusd::tf::Token;
 use openusd::usda;
@@ -59,9 +62,19 @@ const TEXT: &[u8] = b"#usda";
 const CRATE: &[u8] = b"PXR-USDC";
 const ZIP: &[u8] = b"PK\x03\x04";
 
-/// Whether a file begins as one of USD's formats does.
+/// Whether a file begins as one of USD's formats does: an archive with the name of a layer, as USD demands.
 pub fn is_usd(bytes: &[u8]) -> bool {
-    [TEXT, CRATE, ZIP].iter().any(|begin| bytes.starts_with(begin))
+    /// Where the length of the first file's name stands in an archive, and where the name begins.
+    const NAME_LENGTH: usize = 26;
+    const NAME: usize = 30;
+    if !bytes.starts_with(ZIP) {
+        return [TEXT, CRATE].iter().any(|begin| bytes.starts_with(begin));
+    }
+    let name = bytes.get(NAME_LENGTH..NAME_LENGTH + 2).and_then(|length| {
+        let length = usize::from(u16::from_le_bytes([length[0], length[1]]));
+        std::str::from_utf8(bytes.get(NAME..NAME + length)?).ok()
+    });
+    name.is_some_and(cairn_files::is_usd)
 }
 
 /// The layer of a file; of a package, its first one. The crate's readers may panic.
@@ -136,10 +149,11 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene, layout: Lay
 
     let mut stage = UsdStage::new(layer);
     stage.has_groups = has_references && matches!(layout.kind(true), "group" | "assembly");
-    let prototypes = instancer::write(&mut stage, &pile, bake, scene)?;
+    let WrittenBodies { prototypes, mut bounds } = instancer::write(&mut stage, &pile, bake, scene)?;
     if !scene.scenery.is_empty() {
-        scenery(&mut stage, &pile, bake, scene)?;
+        bounds.join(&scenery(&mut stage, &pile, bake, scene)?, DAffine3::IDENTITY);
     }
+    describe(&mut stage.layer, &pile, &bounds, scene);
     let UsdStage { mut layer, textures, left_out, .. } = stage;
     if let Some(glue) = &bake.glue {
         glue::write(&mut layer, &pile, glue);
@@ -152,28 +166,51 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene, layout: Lay
     Ok(Encoded { bytes: layer.encode()?, sidecars: textures.0, left_out })
 }
 
-/// The static geometry below one prim, each file below a prim of its name.
+/// Describes the pile as a model to those that do not open it: its bounding box, its name, and which bake it is.
+fn describe(layer: &mut Layer, pile: &Path, bounds: &BoundingBox, scene: &ExportScene) {
+    /// The order of the boxes.
+    const PURPOSES: [Option<&str>; 4] = [None, Some("render"), Some("proxy"), Some("guide")];
+    /// A purpose that nothing has.
+    const NOTHING: [f32; 2] = [f32::MAX, f32::MIN];
+    if !bounds.is_empty() {
+        layer.apply(pile, "GeomModelAPI");
+        let before = PURPOSES.iter().position(|purpose| *purpose == layer.layout.purpose).unwrap_or(0);
+        let nothing = NOTHING.map(|side| gf::Vec3f::from([side; 3]));
+        let hint: Vec<gf::Vec3f> = (0..before).flat_map(|_| nothing).chain(bounds.extent()).collect();
+        layer.attribute(pile, "float3[] extentsHint", hint);
+    }
+    let name = Value::String(layer.layout.default_prim.clone());
+    let mut info = HashMap::from([("name".to_owned(), name)]);
+    let version = scene.origin.and_then(|origin| origin.get("result_blake3")?.as_str());
+    info.extend(version.map(|version| ("version".to_owned(), Value::String(version.to_owned()))));
+    layer.set(pile, FieldKey::AssetInfo, Value::Dictionary(info));
+}
+
+/// The static geometry below one prim, each file below a prim of its name. Gives its bounding box in the stage.
 fn scenery<'a>(
     stage: &mut UsdStage<'a>,
     pile: &Path,
     bake: &BakedPile,
     scene: &'a ExportScene,
-) -> Result<(), ExportError> {
+) -> Result<BoundingBox, ExportError> {
     let top = stage.layer.prim(pile, "Scenery", "Xform");
     stage.group(&top);
+    let mut bounds = BoundingBox::default();
     for (i, model) in scene.scenery.iter().enumerate() {
         let prim = stage.layer.prim(&top, short_name(model.name), "Xform");
         let shown = stage.layer.text(model.name);
         stage.layer.set(&prim, FieldKey::DisplayName, shown);
         let Some(poses) = bake.scenery.get(i).filter(|poses| !poses.is_empty()) else {
-            stage.put(&prim, model, BranchFrame::World, DAffine3::IDENTITY)?;
+            let own = stage.put(&prim, model, BranchFrame::World, DAffine3::IDENTITY)?;
+            bounds.join(&own, DAffine3::IDENTITY);
             continue;
         };
         instancer::place(stage, &prim, poses);
         // The prim has the motion; what is below it is placed in it.
         let below = stage.layer.layout.to_stage() != DAffine3::IDENTITY || stage.refers(model);
         let at = if below { stage.layer.prim(&prim, "Piece", "Xform") } else { prim };
-        stage.put(&at, model, BranchFrame::World, DAffine3::IDENTITY)?;
+        let own = stage.put(&at, model, BranchFrame::World, DAffine3::IDENTITY)?;
+        bounds.join(&instancer::swept(&own, poses, &stage.layer.layout), DAffine3::IDENTITY);
     }
-    Ok(())
+    Ok(bounds)
 }

@@ -37,6 +37,19 @@ impl SceneReader {
         SceneReader { source, limits, files, missing, usd_parts, notes: Vec::new(), problems: Vec::new() }
     }
 
+    /// Adds the files that models name and that may not be read.
+    pub(super) fn add_refused(&mut self) {
+        if !self.source.is_fenced() {
+            return;
+        }
+        self.files.values().for_each(|file| drop(file.sidecars()));
+        for problem in self.source.refused() {
+            if !self.problems.iter().any(|known| known.place == problem.place) {
+                self.problems.push(problem);
+            }
+        }
+    }
+
     /// A model where its file places it.
     pub(super) fn model(&mut self, field: &str, path: &str) -> (Reference, Model) {
         let reference = Reference::new(path);

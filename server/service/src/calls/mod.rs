@@ -5,6 +5,7 @@ mod request;
 mod stream;
 
 use crate::access::{Caller, caller};
+use crate::accounts::Account;
 use crate::api::pile_service_server::PileService;
 use crate::audit;
 use crate::config::MAX_CHUNK;
@@ -144,12 +145,15 @@ impl PileService for Service {
         let most = self.bakes.config.asset_bytes();
         let mut upload = self.bakes.store.upload().map_err(Fault::from)?;
         let mut header = None;
+        let mut room = None;
         loop {
             let until = self.pace.until(began, Instant::now(), upload.bytes);
             let next = tokio::time::timeout_at(until, chunks.message()).await;
             let Some(message) = next.map_err(|_| Fault::UploadStalled)?? else { break };
             if let Some(first) = message.header {
                 request::check_header(&first, header.is_some(), most)?;
+                let (bakes, of, bytes) = (self.bakes.clone(), caller.clone(), first.size_bytes.unsigned_abs());
+                room = Some(on_disk(move || bakes.make_room(&of, bytes)).await??);
                 header = Some(first);
             }
             let announced = header.as_ref().ok_or_else(|| Fault::field("header", "the first message needs one"))?;
@@ -170,7 +174,10 @@ impl PileService for Service {
             return Err(Fault::AssetCorrupt(what).into());
         }
         let (bakes, sha256) = (self.bakes.clone(), header.sha256.clone());
-        if !on_disk(move || bakes.store.keep(upload, &sha256, caller.project())).await?.map_err(Fault::from)? {
+        let account = Account::new(caller.project(), &caller.name);
+        let kept = on_disk(move || bakes.store.keep(upload, &sha256, &account)).await?;
+        drop(room);
+        if !kept.map_err(Fault::from)? {
             return Err(Fault::AssetCorrupt("the content does not match the announced SHA-256".into()).into());
         }
         self.bakes.request_trim();
@@ -334,14 +341,12 @@ impl PileService for Service {
         let own = Format::from_wire(status.format());
         let format = if format == OutputFormat::Unspecified { own } else { Format::from_wire(format) };
         let (bakes, of) = (self.bakes.clone(), entry.clone());
-        let kind = on_disk(move || match bakes.other_layout(&of, format, usd, asset_folder)? {
-            Some(layout) => bakes.keep_layout(&of, format, &layout),
-            None => Ok(ResultKind::of(format)),
-        });
-        let kind = kind.await??;
+        let layout = on_disk(move || bakes.other_layout(&of, format, usd, asset_folder)).await??;
+        let kind =
+            layout.as_ref().map_or_else(|| ResultKind::of(format), |layout| ResultKind::laid_out(format, layout));
         let (name, first) = match artifact {
             Artifact::Unspecified | Artifact::Result => {
-                let head = self.bakes.result(&caller, &entry, &kind).await?.result;
+                let head = self.bakes.result(&caller, &entry, &kind, layout.as_deref()).await?.result;
                 match head.files.iter().find(|beside| beside.name == file) {
                     _ if file.is_empty() => (kind.result_name(), head),
                     Some(beside) => {
@@ -356,7 +361,7 @@ impl PileService for Service {
             }
             Artifact::Report => {
                 let name = if kind == ResultKind::of(own) { REPORT.to_owned() } else { kind.report_name() };
-                (name, self.bakes.result(&caller, &entry, &kind).await?.report)
+                (name, self.bakes.result(&caller, &entry, &kind, layout.as_deref()).await?.report)
             }
             Artifact::Scene => (SCENE.to_owned(), DownloadResultResponse::default()),
         };

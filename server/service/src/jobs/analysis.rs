@@ -39,7 +39,7 @@ impl Bakes {
         let mut result = None;
         if let Some(entry) = bake {
             let kind = ResultKind::of(Format::Glb);
-            let sha256 = self.result(caller, &entry, &kind).await?.result.sha256;
+            let sha256 = self.result(caller, &entry, &kind, None).await?.result.sha256;
             let name = kind.result_name();
             result = Some(self.store.folder(&entry.id()).join(&name));
             request.assets = vec![AssetReference { uri: name, sha256 }];
@@ -57,7 +57,7 @@ impl Bakes {
         let run = async {
             let _slot = self.scheduler.take(&new.caller, 0).await;
             let work = async {
-                let mut worker = self.start_worker(WorkerTask::Analyse, new.folder.path())?;
+                let mut worker = self.start_worker(WorkerTask::Analyse, new.folder.path(), new.caller.project())?;
                 let mut is_whole = false;
                 loop {
                     match worker.next().await? {

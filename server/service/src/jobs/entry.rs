@@ -1,5 +1,6 @@
 //! A bake of the server: its state, and waiting for changes of it.
 
+use crate::accounts::Account;
 use crate::status::status_of;
 use cairn_wire::proto::{BakeState, BakeStatus, Failure};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -40,6 +41,14 @@ pub struct EntryState {
 impl EntryState {
     pub(super) fn of(status: BakeStatus) -> EntryState {
         EntryState { status, result_bytes: 0, stored_bytes: 0, log_bytes: 0, accepted: false }
+    }
+
+    /// Who pays for its bytes: the owner while it wants it, otherwise the first of those who do.
+    pub(super) fn payer(&self) -> Account {
+        let BakeStatus { owner, callers, project, .. } = &self.status;
+        let is_wanted = callers.iter().any(|known| known.name == *owner);
+        let payer = callers.first().filter(|_| !is_wanted).map_or(owner, |other| &other.name);
+        Account::new(project, payer)
     }
 
     /// What it takes in the store.

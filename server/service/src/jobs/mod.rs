@@ -15,6 +15,7 @@ mod task;
 mod tidying;
 mod withdrawal;
 
+use crate::access::{Access, Caller};
 use crate::config::Config;
 use crate::hook::Hook;
 use crate::process::{Worker, WorkerTask};
@@ -28,7 +29,7 @@ pub use entry::{Entry, EntryState, ListPosition};
 use prost_types::Timestamp;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, SystemTime};
 pub use submission::{BakeSubmission, bake_id};
 use tokio::sync::Notify;
@@ -41,6 +42,8 @@ pub struct Bakes {
     pub config: Config,
     pub store: Store,
     hook: Option<Hook>,
+    /// Who may call now, with which limits.
+    access: RwLock<Access>,
     entries: Mutex<BTreeMap<String, Arc<Entry>>>,
     /// Running and waiting bakes.
     bake_quota: Quota,
@@ -68,6 +71,7 @@ impl Bakes {
             config,
             store,
             hook,
+            access: RwLock::default(),
             entries: Mutex::default(),
             bake_quota: Quota::new(places, places - places / 4),
             scheduler: Scheduler::new(workers),
@@ -79,6 +83,16 @@ impl Bakes {
             trim: Notify::new(),
             last_time: Mutex::new(Duration::from_secs(1)),
         })
+    }
+
+    /// Takes over who may call, with which limits.
+    pub fn set_access(&self, access: Access) {
+        *self.access.write().unwrap_or_else(PoisonError::into_inner) = access;
+    }
+
+    /// A caller by its name, with its limits and those of its project as they are now.
+    fn caller(&self, name: &str, project: &str) -> Caller {
+        self.access.read().unwrap_or_else(PoisonError::into_inner).caller(name, project)
     }
 
     fn entries(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Entry>>> {
@@ -113,18 +127,22 @@ impl Bakes {
     }
 
     /// Marks a bake as damaged if the sizes of its files have changed.
-    fn check_files(&self, entry: &Entry) {
+    fn check_files(&self, entry: &Entry) -> Result<(), Fault> {
         let damage = {
             let now = entry.state.borrow();
-            self.store.damage(&now.status, now.result_bytes)
+            self.store.damage(&now.status, now.result_bytes)?
         };
         if let Some(damage) = damage {
             self.mark_damaged(entry, damage);
         }
+        Ok(())
     }
 
-    /// Marks a bake as damaged: the next request for it bakes again.
+    /// Marks a bake as damaged: the next request for it bakes again. While the data directory is away, nothing is.
     pub fn mark_damaged(&self, entry: &Entry, damage: String) -> Fault {
+        if !self.store.is_here() {
+            return Fault::DataAway;
+        }
         let fault = Fault::BakeDamaged(damage);
         let mut status = entry.state.borrow().status.clone();
         if status.state() == BakeState::Succeeded {
@@ -137,12 +155,16 @@ impl Bakes {
         fault
     }
 
-    /// Starts a worker with its share of the cores.
-    fn start_worker(&self, task: WorkerTask, folder: &Path) -> Result<Worker, Fault> {
+    /// Starts a worker for a project, or for none, with its share of the cores.
+    fn start_worker(&self, task: WorkerTask, folder: &Path, project: &str) -> Result<Worker, Fault> {
+        if !self.store.is_here() {
+            return Err(Fault::DataAway);
+        }
         // All others hold a permit of their own.
         let is_beside = matches!(task, WorkerTask::Plan | WorkerTask::Export(_));
         let bakes = self.bake_quota.held() + usize::from(is_beside);
-        Worker::start(&self.config, task, folder, self.config.threads_among(bakes))
+        let cache = self.config.reuse.then(|| self.store.cache(project));
+        Worker::start(&self.config, task, folder, cache, self.config.threads_among(bakes))
     }
 }
 

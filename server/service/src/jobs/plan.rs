@@ -18,7 +18,7 @@ impl Bakes {
         let _planner = self.planner_quota.acquire(caller).await;
         let folder = self.store.prepare_plan(&spec, caller.project())?;
         let mut worker = None;
-        let accepted = self.run_plan(WorkerTask::Plan, folder.path(), &mut worker).await?;
+        let accepted = self.run_plan(WorkerTask::Plan, folder.path(), caller.project(), &mut worker).await?;
         set_accuracy(&mut spec, accepted.effective_scene.as_ref());
         Ok(PlanBakeResponse {
             bake_id: bake_id(&spec, caller.project()),
@@ -33,11 +33,12 @@ impl Bakes {
         &self,
         task: WorkerTask,
         folder: &Path,
+        project: &str,
         slot: &mut Option<Worker>,
     ) -> Result<Accepted, Fault> {
         /// A plan reads files and measures meshes; only hostile input takes longer.
         const LONGEST: Duration = Duration::from_secs(120);
-        let worker = slot.insert(self.start_worker(task, folder)?);
+        let worker = slot.insert(self.start_worker(task, folder, project)?);
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
             Some(WorkerMessage::Planned(accepted)) => Ok(*accepted),

@@ -21,7 +21,7 @@ impl Bakes {
         for mut status in found {
             let id = status.bake_id.clone();
             let result_bytes = status.summary.as_ref().map_or(0, |summary| summary.result_bytes);
-            if let Some(damage) = self.store.damage(&status, result_bytes) {
+            if let Some(damage) = self.store.damage(&status, result_bytes)? {
                 warn!(bake_id = %id, damage, "a bake is damaged; the next request bakes it again");
                 end_with(&mut status, BakeState::Failed, Some(&Fault::BakeDamaged(damage)));
                 self.save_status(&status);

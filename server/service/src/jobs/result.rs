@@ -4,6 +4,7 @@ use super::{Bakes, Entry};
 use crate::access::Caller;
 use crate::folder::{EARLIER_PILE, PILE, ResultKind};
 use crate::process::WorkerTask;
+use crate::seal::CHANGED;
 use crate::status::Fault;
 use crate::worker_message::{ResultHead, WorkerMessage};
 use cairn_export::{Format, Layout, is_asset_folder};
@@ -19,7 +20,7 @@ impl Bakes {
         format: Format,
         usd: Option<UsdLayout>,
         asset_folder: String,
-    ) -> Result<Option<DownloadResultRequest>, Fault> {
+    ) -> Result<Option<Vec<u8>>, Fault> {
         if !format.is_usd() {
             return Ok(None);
         }
@@ -35,33 +36,26 @@ impl Bakes {
         let asked = self.store.spec(&entry.id())?.scene.and_then(|scene| scene.usd).unwrap_or_default();
         let usd = usd.unwrap_or_else(|| asked.clone());
         let is_own = asked == usd && asset_folder.is_empty();
-        Ok((!is_own).then(|| DownloadResultRequest { usd: Some(usd), asset_folder, ..Default::default() }))
+        let request = || DownloadResultRequest { usd: Some(usd), asset_folder, ..Default::default() };
+        Ok((!is_own).then(|| request().encode_to_vec()))
     }
 
-    /// Keeps a layout with its bake, for the worker that makes the result. Returns the result's kind.
-    pub fn keep_layout(
+    /// Describes a finished bake's result. If it was not made before, a worker makes it now. `layout`: the request that
+    /// states it, where the result has another one than the bake's.
+    pub async fn result(
         &self,
+        caller: &Caller,
         entry: &Entry,
-        format: Format,
-        request: &DownloadResultRequest,
-    ) -> Result<ResultKind, Fault> {
-        /// Digits that distinguish the few layouts of a bake.
-        const DIGITS: usize = 16;
-        let request = request.encode_to_vec();
-        let layout = blake3::hash(&request).to_hex()[..DIGITS].to_owned();
-        if !self.store.keep_layout(&entry.id(), &layout, &request)? {
-            let what = "results of this bake were laid out in too many ways; delete the bake and request it again";
-            return Err(Fault::field("usd", what));
-        }
-        Ok(ResultKind { format, layout: Some(layout) })
-    }
-
-    /// Describes a finished bake's result. If it was not made before, a worker makes it now.
-    pub async fn result(&self, caller: &Caller, entry: &Entry, kind: &ResultKind) -> Result<ResultHead, Fault> {
+        kind: &ResultKind,
+        layout: Option<&[u8]>,
+    ) -> Result<ResultHead, Fault> {
         /// A result is written in seconds; only a huge one takes longer.
         const LONGEST: Duration = Duration::from_secs(600);
         let _alone = entry.export.lock().await;
         let id = entry.id();
+        if let (Some(request), Some(layout)) = (layout, &kind.layout) {
+            self.store.keep_layout(&id, layout, request)?;
+        }
         if let Some(head) = self.store.head(&id, kind)? {
             return Ok(head);
         }
@@ -88,12 +82,17 @@ impl Bakes {
         }
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let mut worker = self.start_worker(WorkerTask::Export(kind.clone()), &folder)?;
+        let mut worker = self.start_worker(WorkerTask::Export(kind.clone()), &folder, &status.project)?;
         let message = tokio::time::timeout(LONGEST, worker.next()).await;
         self.request_trim();
         let stored_bytes = self.store.bake_bytes(&id);
         entry.state.send_modify(|now| now.stored_bytes = stored_bytes);
-        match message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?? {
+        let message = message.map_err(|_| Fault::TimeLimit(LONGEST.as_secs()))?;
+        let message = message.map_err(|fault| match fault {
+            Fault::DataDirectory(why) if why == CHANGED => self.mark_damaged(entry, format!("its pile: {why}")),
+            fault => fault,
+        });
+        match message? {
             Some(WorkerMessage::Exported(head)) => Ok(head),
             Some(WorkerMessage::Invalid(invalid)) => Err(Fault::SceneInvalid(invalid.problems)),
             Some(_) => Err(Fault::Internal("the worker did not export".into())),

@@ -35,7 +35,7 @@ impl Bakes {
         let id = bake_id(&spec, caller.project());
         let mut entries = self.entries();
         if let Some(entry) = entries.get(&id) {
-            self.check_files(entry);
+            self.check_files(entry)?;
             let state = entry.state.borrow().status.state();
             if !matches!(state, BakeState::Failed | BakeState::Cancelled) && !entry.cancelled.is_cancelled() {
                 entry.extend_deadline(deadline);
@@ -53,7 +53,7 @@ impl Bakes {
             }
         }
         self.accepts_work()?;
-        within_limits(caller, self.config.workers(), entries.values())?;
+        within_limits(caller, self.config.workers(), entries.values(), &self.store.owners)?;
         let Some(permit) = self.bake_quota.try_acquire(caller) else {
             METRICS.bakes_refused.inc();
             return Err(self.queue_full());

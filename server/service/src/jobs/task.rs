@@ -2,7 +2,7 @@
 
 use super::restart::accepted_before;
 use super::{Bakes, Entry, EntryState, bake_id, end_with, now};
-use crate::access::{Caller, Project};
+use crate::access::Caller;
 use crate::event_log::{Extent, LogWriter};
 use crate::folder::EVENTS;
 use crate::metrics::METRICS;
@@ -89,9 +89,8 @@ impl Bakes {
             Some(new) => (new.caller.clone(), entry.state.borrow().status.priority),
             None => {
                 let now = entry.state.borrow();
-                let project = Some(now.status.project.clone()).filter(|project| !project.is_empty());
-                let project = project.map(|name| Arc::new(Project { name, ..Project::default() }));
-                (Caller { project, ..Caller::named(&now.status.owner) }, now.status.priority)
+                // With the limits that it has now.
+                (self.caller(&now.status.owner, &now.status.project), now.status.priority)
             }
         };
         let (_permit, accepted) = match new {
@@ -148,7 +147,7 @@ impl Bakes {
     ) -> Result<Accepted, Fault> {
         let _planner = self.planner_quota.acquire(caller).await;
         self.store.prepare(id, spec, caller.project())?;
-        self.plan_in(id, folder, slot).await
+        self.plan_in(id, folder, caller.project(), slot).await
     }
 
     /// Plans a bake that an earlier server had accepted and whose events are gone or of another version. Fails if this
@@ -163,14 +162,20 @@ impl Bakes {
         match self.store.spec(id) {
             Ok(spec) if bake_id(&spec, project) == id => {
                 warn!("the events are damaged; planning the bake again");
-                self.plan_in(id, folder, slot).await
+                self.plan_in(id, folder, project, slot).await
             }
             _ => Err(Fault::ServerRestarted),
         }
     }
 
-    async fn plan_in(&self, id: &str, folder: &Path, slot: &mut Option<Worker>) -> Result<Accepted, Fault> {
-        let mut accepted = self.run_plan(WorkerTask::Accept, folder, slot).await?;
+    async fn plan_in(
+        &self,
+        id: &str,
+        folder: &Path,
+        project: &str,
+        slot: &mut Option<Worker>,
+    ) -> Result<Accepted, Fault> {
+        let mut accepted = self.run_plan(WorkerTask::Accept, folder, project, slot).await?;
         // The planner has finished its work.
         if let Some(mut planner) = slot.take() {
             planner.kill().await;
@@ -187,7 +192,8 @@ impl Bakes {
         folder: &Path,
         slot: &mut Option<Worker>,
     ) -> Result<Summary, EndReason> {
-        let worker = slot.insert(self.start_worker(WorkerTask::Bake, folder)?);
+        let project = entry.state.borrow().status.project.clone();
+        let worker = slot.insert(self.start_worker(WorkerTask::Bake, folder, &project)?);
         loop {
             match worker.next().await? {
                 Some(WorkerMessage::Progress(progress)) => {

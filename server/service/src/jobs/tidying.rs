@@ -1,13 +1,16 @@
 //! Bakes that are removed: those that callers delete, old ones, and those above the limits of the store.
 
-use super::Bakes;
+use super::{Bakes, Entry};
+use crate::access::CallerLimits;
+use crate::accounts::Account;
 use crate::metrics::METRICS;
+use crate::store::BakeKeeper;
 use cairn_wire::proto::BakeState;
 use cairn_wire::to_proto::signed;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::Instant;
-use tracing::warn;
+use tracing::{info, warn};
 
 /// Failed and cancelled bakes that are kept for callers to query.
 const MOST_WITHOUT_RESULT: usize = 1000;
@@ -36,10 +39,17 @@ impl Bakes {
         list.retain(|entry| matches!(entry.state().status.state(), BakeState::Failed | BakeState::Cancelled));
         list.drain(..list.len().min(MOST_WITHOUT_RESULT));
         for entry in list {
-            if let Err(error) = self.remove_ended(&entry.id()) {
-                warn!(bake_id = %entry.id(), %error, "an old bake could not be removed");
+            match self.remove_ended(&entry.id()) {
+                Ok(_) => info!(bake_id = %entry.id(), "evicted: an old bake without a result"),
+                Err(error) => warn!(bake_id = %entry.id(), %error, "an old bake could not be removed"),
             }
         }
+    }
+
+    /// The limits of an account: of the caller, and of its project.
+    fn limits_of(&self, account: &Account) -> [CallerLimits; 2] {
+        let caller = self.caller(&account.caller, &account.project);
+        [caller.limits, caller.project.map_or_else(CallerLimits::default, |project| project.limits)]
     }
 
     /// Keeps the store within its limits, for as long as the server runs.
@@ -52,7 +62,7 @@ impl Bakes {
             let (bakes, began) = (self.clone(), Instant::now());
             let trim = move || {
                 bakes.forget_old();
-                bakes.store.trim(|id| bakes.remove_ended(id))
+                bakes.store.trim(&*bakes, &|account| bakes.limits_of(account))
             };
             let trimmed = tokio::task::spawn_blocking(trim).await;
             match trimmed {
@@ -63,5 +73,47 @@ impl Bakes {
             tokio::time::sleep(began.elapsed() * LEFT_ALONE).await;
             let _ = tokio::time::timeout(PAUSE, self.trim.notified()).await;
         }
+    }
+}
+
+impl BakeKeeper for Bakes {
+    fn account(&self, id: &str) -> Account {
+        self.entry(id).map_or_else(Account::default, |entry| entry.state().payer())
+    }
+
+    fn is_shared(&self, id: &str) -> bool {
+        self.entry(id).is_some_and(|entry| {
+            let now = entry.state();
+            let payer = now.payer().caller;
+            now.status.callers.iter().any(|known| known.name != payer)
+        })
+    }
+
+    fn remove(&self, id: &str) -> std::io::Result<bool> {
+        self.remove_ended(id)
+    }
+
+    fn measured(&self, id: &str, bytes: u64) {
+        if let Some(entry) = self.entry(id).filter(|entry| entry.state().stored_bytes != bytes) {
+            // Nobody waits for this.
+            entry.state.send_if_modified(|now| {
+                now.stored_bytes = bytes;
+                false
+            });
+        }
+    }
+
+    fn pass_on(&self, id: &str) -> bool {
+        let Some(entry) = self.entry(id) else { return false };
+        let payer = entry.state().payer().caller;
+        entry.state.send_modify(|now| now.status.callers.retain(|known| known.name != payer));
+        self.save_callers(&entry);
+        true
+    }
+}
+
+impl Bakes {
+    fn entry(&self, id: &str) -> Option<Arc<Entry>> {
+        self.entries().get(id).cloned()
     }
 }

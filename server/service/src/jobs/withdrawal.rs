@@ -20,6 +20,9 @@ impl Bakes {
     /// Cancels a bake and removes its files, unless others want it.
     pub async fn delete(&self, caller: &Caller, id: &str) -> Result<(), Fault> {
         let entry = self.find(caller, id)?;
+        if !self.store.is_here() {
+            return Err(Fault::DataAway);
+        }
         if self.withdraw(caller, &entry)? {
             entry.cancelled.cancel();
             entry.wait_ended().await;

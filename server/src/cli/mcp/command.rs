@@ -1,5 +1,7 @@
 //! Runs a command of this program for a call of a tool.
 
+use super::place::WriteFolder;
+use crate::cli::allowed::VARIABLE;
 use cairn_input::observer::Stage;
 use cairn_job::pace::overall_at;
 use rmcp::RoleServer;
@@ -7,6 +9,7 @@ use rmcp::model::ProgressNotificationParam;
 use rmcp::service::RequestContext;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::{ExitStatus, Stdio};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, BufReader};
@@ -20,6 +23,10 @@ const AT_ONCE: usize = 2;
 pub struct Cairn {
     program: PathBuf,
     places: Semaphore,
+    /// Where the commands run, and below which they write.
+    pub folder: WriteFolder,
+    /// Where files may lie that only a scene names, as in `PATH`.
+    allowed: OsString,
 }
 
 /// The arguments of a command.
@@ -106,8 +113,8 @@ struct ProgressLine {
 }
 
 impl Cairn {
-    pub fn new() -> std::io::Result<Cairn> {
-        Ok(Cairn { program: std::env::current_exe()?, places: Semaphore::new(AT_ONCE) })
+    pub fn new(folder: WriteFolder, allowed: OsString) -> std::io::Result<Cairn> {
+        Ok(Cairn { program: std::env::current_exe()?, places: Semaphore::new(AT_ONCE), folder, allowed })
     }
 
     /// Runs a command, and sends its progress to the client that asks for it.
@@ -116,6 +123,8 @@ impl Cairn {
         let fail = |error: std::io::Error| format!("the command cannot be run: {error}");
         let mut child = Command::new(&self.program)
             .args(&call.args)
+            .current_dir(self.folder.path())
+            .env(VARIABLE, &self.allowed)
             .arg("--")
             .args(&call.positional)
             .stdin(Stdio::null())

@@ -4,17 +4,19 @@
 //! the client cancels ends its process. What the command prints as JSON is the tool's result.
 
 mod command;
+mod place;
 mod types;
 
-use super::Failure;
+use super::{Failure, allowed};
 use command::Cairn;
+use place::WriteFolder;
 use rmcp::handler::server::tool::schema_for_type;
 use rmcp::handler::server::wrapper::Parameters;
 use rmcp::model::{CallToolResult, ContentBlock, Implementation, ServerCapabilities, ServerConfig};
 use rmcp::service::RequestContext;
 use rmcp::transport::stdio;
 use rmcp::{Json, RoleServer, ServerHandler, ServiceExt, tool, tool_handler, tool_router};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use types::{
     Analysis, AnalysisArgs, BakeArgs, BakeResult, CheckResult, PackArgs, PackResult, PictureResult, PlanResult,
     RankArgs, Ranking, RenderArgs, SceneArgs,
@@ -23,13 +25,24 @@ use types::{
 /// Offers Cairn's commands to agents, by the Model Context Protocol (MCP)
 ///
 /// Speaks on standard input and output: a client starts this command by itself. The tools are check, plan, bake,
-/// render, rank, analyse and pack. They read and write files as this user may, relative to the current folder; a
-/// client shows each call to its user before, if it is set up so.
+/// render, rank, analyse and pack. They write below one folder alone. They read the files that a call names, and
+/// others, which only a scene or a model names, below the scene's folder and those of --allow. A client shows each call
+/// to its user before, if it is set up so.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Example, as most clients take it:
-  { \"mcpServers\": { \"cairn\": { \"command\": \"cairn\", \"args\": [\"mcp\"] } } }")]
-pub struct Args {}
+  { \"mcpServers\": { \"cairn\": { \"command\": \"cairn\",
+    \"args\": [\"mcp\", \"--folder\", \"/home/me/piles\"] } } }")]
+pub struct Args {
+    /// Folder that the tools write below, and that paths are relative to [default: the current folder]
+    #[arg(long, value_name = "FOLDER")]
+    folder: Option<PathBuf>,
+
+    /// Folder whose files may be read although only a scene names them; repeat it for several, or set CAIRN_ALLOW to
+    /// folders as in PATH [default: the scene's own folder]
+    #[arg(long, value_name = "FOLDER")]
+    allow: Vec<PathBuf>,
+}
 
 /// A larger picture is not in the answer, only its path.
 const MOST_PICTURE: usize = 1 << 20;
@@ -39,12 +52,17 @@ Cairn bakes piles of props in the shape of a closed mesh. Call check or plan fir
 scene and what a bake will take. Then bake, and render to look at the result. A scene is a file (.toml or .json), or \
 control meshes and props by path; `set` changes any field, such as fill.count=200. Lengths are metres, Y is up.";
 
-pub fn run(_: &Args) -> Result<(), Failure> {
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let folder = WriteFolder::new(args.folder.as_deref().unwrap_or(Path::new(".")))?;
+    let allowed = allowed::folders(&args.allow)?.into_iter().map(|folder| folder.canonicalize().unwrap_or(folder));
+    let allowed = std::env::join_paths(allowed).map_err(|error| {
+        Failure::usage("--allow", error.to_string(), "Rename the folder, so that its name can be in a list.")
+    })?;
     let internal = |error: &dyn std::fmt::Display| Failure::Internal(error.to_string());
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let runtime = runtime.map_err(|error| internal(&error))?;
     let done = runtime.block_on(async {
-        let cairn = Cairn::new().map_err(|error| internal(&error))?;
+        let cairn = Cairn::new(folder, allowed).map_err(|error| internal(&error))?;
         // A client that ends before it has said hello is no fault.
         let Ok(server) = cairn.serve(stdio()).await else { return Ok(()) };
         server.waiting().await.map(drop).map_err(|error| internal(&error))
@@ -84,12 +102,14 @@ impl Cairn {
     /// minutes, and reports progress
     #[tool(annotations(destructive_hint = true, idempotent_hint = true))]
     async fn bake(&self, Parameters(args): Parameters<BakeArgs>, context: Context) -> Result<Json<BakeResult>, String> {
+        self.folder.check("output", &args.output)?;
+        args.report.iter().try_for_each(|report| self.folder.check_report(report))?;
         let own = tempfile::tempdir().map_err(|error| format!("no folder for the report: {error}"))?;
         let report = args.report.clone().unwrap_or_else(|| own.path().join("report.json").display().to_string());
         let call = args.scene.call("bake")?.option("--output", &args.output).option("--report", &report);
         let done = self.run(call.flag("--progress=json"), &context).await?;
         done.success()?;
-        BakeResult::read(&args.output, Path::new(&report), done.notes()).map(Json)
+        BakeResult::read(&args.output, &self.folder.path().join(report), done.notes()).map(Json)
     }
 
     /// Renders a picture of a pile, .png or .jpg, and shows it
@@ -102,11 +122,12 @@ impl Cairn {
         Parameters(args): Parameters<RenderArgs>,
         context: Context,
     ) -> Result<CallToolResult, String> {
+        self.folder.check("output", &args.output)?;
         self.run(args.call(), &context).await?.success()?;
         let result = PictureResult { picture: args.output.clone() };
         let value = serde_json::to_value(&result).map_err(|error| error.to_string())?;
         let mut answer = CallToolResult::structured(value);
-        if let Ok(bytes) = std::fs::read(&args.output)
+        if let Ok(bytes) = std::fs::read(self.folder.path().join(&args.output))
             && bytes.len() <= MOST_PICTURE
         {
             use base64::Engine;
@@ -132,6 +153,7 @@ impl Cairn {
         Parameters(args): Parameters<AnalysisArgs>,
         context: Context,
     ) -> Result<Json<Analysis>, String> {
+        args.output.iter().try_for_each(|output| self.folder.check("output", output))?;
         self.run(args.call(), &context).await?.json().map(Json)
     }
 
@@ -139,6 +161,7 @@ impl Cairn {
     /// clip, textures of the motion
     #[tool(annotations(destructive_hint = true, idempotent_hint = true))]
     async fn pack(&self, Parameters(args): Parameters<PackArgs>, context: Context) -> Result<Json<PackResult>, String> {
+        self.folder.check("output", &args.output)?;
         self.run(args.call(), &context).await?.json().map(Json)
     }
 }

@@ -36,7 +36,7 @@ pub struct SceneArgs {
 impl SceneArgs {
     /// The call of a command for this scene.
     pub fn call(&self, command: &str) -> Result<Call, String> {
-        let call = Call::new(command);
+        let call = Call::new(command).flag("--only-allowed");
         let call = match self.scene.as_deref() {
             // It would be read from the client's messages.
             Some("-") => return Err("scene: - is no scene here; name a file".into()),
@@ -109,9 +109,9 @@ pub struct BakeArgs {
     #[serde(flatten)]
     pub scene: SceneArgs,
     /// Result: .glb, .usdc, .usda, .usdz, .json, .csv, .xml (MuJoCo), .physics.glb, .hulls.glb or .pack.zip;
-    /// replaced if it is there
+    /// below the server's folder; replaced if it is there
     pub output: String,
-    /// Also write all figures there, as JSON
+    /// Also write all figures there, as .json below the server's folder; replaces an earlier report alone
     #[serde(default)]
     pub report: Option<String>,
 }
@@ -149,7 +149,7 @@ impl BakeResult {
 pub struct RenderArgs {
     /// The pile: .glb, .gltf or USD
     pub pile: String,
-    /// Picture: .png or .jpg; replaced if it is there
+    /// Picture: .png or .jpg, below the server's folder; replaced if it is there
     pub output: String,
     /// From 0; the last one unless given
     #[serde(default)]
@@ -174,6 +174,7 @@ pub struct RenderArgs {
 impl RenderArgs {
     pub fn call(&self) -> Call {
         let call = Call::new("render")
+            .flag("--only-allowed")
             .option("--output", &self.output)
             .each("--frame", self.frame)
             .option("--size", self.size.as_deref().unwrap_or("640x480"))
@@ -242,7 +243,7 @@ pub struct AnalysisArgs {
     /// Coulomb friction coefficient, 0 to 2
     #[serde(default)]
     pub friction: Option<f64>,
-    /// Also write a .glb in which colors show what may be removed
+    /// Also write a .glb in which colors show what may be removed, below the server's folder
     #[serde(default)]
     pub output: Option<String>,
 }
@@ -251,6 +252,7 @@ impl AnalysisArgs {
     pub fn call(&self) -> Call {
         Call::new("analyse")
             .flag("--json")
+            .flag("--only-allowed")
             .each("--scenery", &self.scenery)
             .each("--without", &self.without)
             .each("--friction", self.friction)
@@ -286,7 +288,7 @@ pub struct AnalysedNode {
 pub struct PackArgs {
     /// The pile: a .glb that a bake wrote
     pub pile: String,
-    /// Folder: a new or empty one, or an earlier pack, which is replaced
+    /// Folder below the server's: a new or empty one, or an earlier pack, which is replaced
     pub output: String,
     /// Compress meshes by EXT_meshopt_compression
     #[serde(default)]
@@ -295,7 +297,8 @@ pub struct PackArgs {
 
 impl PackArgs {
     pub fn call(&self) -> Call {
-        let call = Call::new("pack").flag("--json").option("--output", &self.output).positional(&self.pile);
+        let call = Call::new("pack").flag("--json").flag("--only-allowed");
+        let call = call.option("--output", &self.output).positional(&self.pile);
         if self.meshopt { call.flag("--meshopt") } else { call }
     }
 }

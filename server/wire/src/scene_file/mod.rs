@@ -8,6 +8,7 @@ mod text;
 
 use crate::proto;
 use bytes::Bytes;
+use cairn_files::fence::Fence;
 use cairn_files::problem::Problem;
 use cairn_files::{Disk, FileSource};
 use check::Checker;
@@ -122,6 +123,12 @@ impl SceneTree {
 
     /// The same scene with its files elsewhere.
     pub fn with_files(self, files: Disk) -> SceneTree {
+        SceneTree { files, ..self }
+    }
+
+    /// The same scene, of which only some files may be read.
+    pub fn fenced(self, fence: Fence) -> SceneTree {
+        let files = Disk { fence: Some(Arc::new(fence)), ..self.files };
         SceneTree { files, ..self }
     }
 
