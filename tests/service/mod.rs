@@ -3,6 +3,7 @@
 mod access;
 mod analyses;
 mod assets;
+mod attacks;
 mod audit;
 mod bakes;
 mod callers;
@@ -13,6 +14,7 @@ mod damage;
 mod ends;
 mod faults;
 mod formats;
+mod hostile;
 mod kept;
 mod large;
 mod lists;

@@ -17,6 +17,7 @@ mod withdrawal;
 
 use crate::config::Config;
 use crate::hook::Hook;
+use crate::memory::MemoryBudget;
 use crate::process::{Worker, WorkerTask};
 use crate::quotas::Quota;
 use crate::scheduler::Scheduler;
@@ -50,6 +51,8 @@ pub struct Bakes {
     plan_quota: Quota,
     /// Running plans: twice as many as running bakes, so that no caller can hold them all.
     planner_quota: Quota,
+    /// What their processes may take.
+    pub memory: Arc<MemoryBudget>,
     /// Cancelled when the server accepts no more bakes.
     draining: CancellationToken,
     /// Cancelled when running bakes have to stop unfinished.
@@ -65,6 +68,7 @@ impl Bakes {
         let workers = config.workers();
         let places = workers.saturating_add(config.queue);
         Arc::new(Bakes {
+            memory: MemoryBudget::new(&config),
             config,
             store,
             hook,
@@ -142,7 +146,7 @@ impl Bakes {
         // All others hold a permit of their own.
         let is_beside = matches!(task, WorkerTask::Plan | WorkerTask::Export(_));
         let bakes = self.bake_quota.held() + usize::from(is_beside);
-        Worker::start(&self.config, task, folder, self.config.threads_among(bakes))
+        Worker::start(&self.config, &self.memory, task, folder, self.config.threads_among(bakes))
     }
 }
 

@@ -1,0 +1,163 @@
+//! Attacks on a server, for tests and for the siege.
+
+use crate::service::server::{asset, content, sha256, spec, sphere};
+use cairn_service::client::Connection;
+use cairn_wire::proto::{BakeSpec, PlanBakeRequest, PlanBakeResponse};
+use std::io::{Cursor, Write};
+use tonic::Status;
+
+/// A model that is small for what it stands for.
+pub struct Bomb {
+    pub name: &'static str,
+    /// Its file's name.
+    file: &'static str,
+    bytes: Vec<u8>,
+    /// What the refusal says.
+    pub says: &'static str,
+}
+
+#[derive(Clone, Copy, PartialEq)]
+pub enum BombSize {
+    /// Of some kilobytes.
+    Small,
+    /// As they were found.
+    Large,
+}
+
+const TRIANGLE: &str = "def Mesh \"m\" {\npoint3f[] points = [(0,0,0), (1,0,0), (0,1,0)]\nint[] faceVertexCounts = [3]\n\
+                        int[] faceVertexIndices = [0, 1, 2]\n}\n";
+
+pub async fn upload(connection: &mut Connection, files: &[Vec<u8>]) {
+    connection.upload(&files.iter().map(|bytes| (sha256(bytes), bytes.clone().into())).collect()).await.unwrap();
+}
+
+/// A plan with a prop of a million triangles, which takes some hundred MiB.
+pub async fn sphere_plan(connection: &mut Connection) -> Result<PlanBakeResponse, Status> {
+    let sphere = sphere(1000);
+    upload(connection, &[sphere.clone()]).await;
+    let mut spec = spec(&[]);
+    spec.assets[1].sha256 = sha256(&sphere);
+    let planned = connection.service.plan_bake(PlanBakeRequest { spec: Some(spec) }).await;
+    planned.map(tonic::Response::into_inner)
+}
+
+impl Bomb {
+    /// Uploads it, and gives a bake of it.
+    pub async fn upload(&self, connection: &mut Connection) -> BakeSpec {
+        upload(connection, &[self.bytes.clone(), content("cone-small.glb")]).await;
+        let mut spec = spec(&[]);
+        spec.scene.as_mut().unwrap().props[0].path = self.file.into();
+        spec.assets[1].uri = self.file.into();
+        spec.assets[1].sha256 = sha256(&self.bytes);
+        spec
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+/// Models that stand for much.
+pub fn bombs(size: BombSize) -> Vec<Bomb> {
+    let is_large = size == BombSize::Large;
+    let usd = |prims: String| format!("#usda 1.0\n{prims}").into_bytes();
+    vec![
+        Bomb {
+            name: "30 nested double references in USD",
+            file: "nested.usda",
+            bytes: usd(nested(|name, before| {
+                format!("def \"{name}\" (references = [</a{before}>, </b{before}>]) {{}}\n")
+            })),
+            says: "its references multiply to more than",
+        },
+        Bomb {
+            name: "prims that double at every level of USD",
+            file: "levels.usda",
+            bytes: usd(nested(|name, before| {
+                format!(
+                    "def \"{name}\" {{\ndef \"x\" (references = </a{before}>) {{}}\n\
+                     def \"y\" (references = </b{before}>) {{}}\n}}\n"
+                )
+            })),
+            says: "it is not composed",
+        },
+        Bomb {
+            name: "a deflated .usdz",
+            file: "deflated.usdz",
+            bytes: deflated(if is_large { 1 << 30 } else { 1 << 20 }),
+            says: "is compressed, which USD forbids in a .usdz",
+        },
+        Bomb {
+            name: "instances of instances in USD",
+            file: "instances.usda",
+            bytes: usd(instances(if is_large { 1_000_000 } else { 500_000 })),
+            says: "prims and instances of few bytes",
+        },
+        Bomb {
+            name: "value clips without an end in USD",
+            file: "clips.usda",
+            bytes: usd(format!(
+                "def Xform \"a\" (clips = {{ dictionary default = {{\nstring templateAssetPath = \"a.#.usda\"\n\
+                 double templateStartTime = 0\ndouble templateEndTime = 1e300\ndouble templateStride = 1\n}} }}) {{\n\
+                 {TRIANGLE}}}\n"
+            )),
+            says: "its value clips are more than",
+        },
+    ]
+}
+
+/// Two prims in each of 30 steps, each with the two before it.
+fn nested(prim: impl Fn(String, usize) -> String) -> String {
+    let mut prims = format!("def \"a0\" {{ {TRIANGLE} }}\ndef \"b0\" {{ {TRIANGLE} }}\n");
+    for n in 1..=30 {
+        prims += &prim(format!("a{n}"), n - 1);
+        prims += &prim(format!("b{n}"), n - 1);
+    }
+    prims
+}
+
+/// A thousand instances of instances.
+fn instances(count: usize) -> String {
+    let each = 1000;
+    let list = |entry: &str, count: usize| vec![entry; count].join(",");
+    let instancer = |name: &str, of: &str, count: usize| {
+        format!(
+            "def PointInstancer \"{name}\" {{\nrel prototypes = <{of}>\nint[] protoIndices = [{}]\n\
+             point3f[] positions = [{}]\n}}\n",
+            list("0", count),
+            list("(0,0,0)", count)
+        )
+    };
+    format!(
+        "def Xform \"p\" {{ {TRIANGLE} }}\n{}{}",
+        instancer("inner", "/p", each),
+        instancer("outer", "/inner", count / each)
+    )
+}
+
+/// A package of spaces, which deflate to a thousandth.
+fn deflated(size: usize) -> Vec<u8> {
+    let mut package = zip::ZipWriter::new(Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Deflated);
+    package.start_file("a.usda", options).unwrap();
+    package.write_all(b"#usda 1.0\n").unwrap();
+    let spaces = vec![b' '; 1 << 20];
+    for _ in 0..size >> 20 {
+        package.write_all(&spaces).unwrap();
+    }
+    package.finish().unwrap().into_inner()
+}
+
+/// A `.glb` of one mesh with very many primitives.
+pub fn primitives(count: usize) -> Vec<u8> {
+    let whole = std::fs::read(asset("stick.glb")).unwrap();
+    let length = u32::from_le_bytes(whole[12..16].try_into().unwrap()) as usize;
+    let mut json: serde_json::Value = serde_json::from_slice(&whole[20..20 + length]).unwrap();
+    let one = json["meshes"][0]["primitives"][0].clone();
+    json["meshes"][0]["primitives"] = vec![one; count].into();
+    let mut text = json.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let rest = &whole[20 + length..];
+    let word = |n: usize| u32::try_from(n).unwrap().to_le_bytes();
+    [b"glTF\x02\0\0\0", &word(20 + text.len() + rest.len())[..], &word(text.len()), b"JSON", &text, rest].concat()
+}
