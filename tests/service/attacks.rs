@@ -3,8 +3,13 @@
 use crate::service::server::{asset, content, sha256, spec, sphere};
 use cairn_service::client::Connection;
 use cairn_wire::proto::{BakeSpec, PlanBakeRequest, PlanBakeResponse};
+use bytes::Bytes;
 use std::io::{Cursor, Write};
-use tonic::Status;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+use tonic::codegen::{Service, http};
+use tonic::transport::Channel;
+use tonic::{Code, Status};
 
 /// A model that is small for what it stands for.
 pub struct Bomb {
@@ -12,8 +17,9 @@ pub struct Bomb {
     /// Its file's name.
     file: &'static str,
     bytes: Vec<u8>,
-    /// What the refusal says.
+    /// What the refusal says, and what bounds it.
     pub says: &'static str,
+    pub bound: &'static str,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -69,6 +75,7 @@ pub fn bombs(size: BombSize) -> Vec<Bomb> {
                 format!("def \"{name}\" (references = [</a{before}>, </b{before}>]) {{}}\n")
             })),
             says: "its references multiply to more than",
+            bound: "sites of all prims, counted before they are composed",
         },
         Bomb {
             name: "prims that double at every level of USD",
@@ -80,18 +87,21 @@ pub fn bombs(size: BombSize) -> Vec<Bomb> {
                 )
             })),
             says: "it is not composed",
+            bound: "prims and sites by the bytes of the files",
         },
         Bomb {
             name: "a deflated .usdz",
             file: "deflated.usdz",
             bytes: deflated(if is_large { 1 << 30 } else { 1 << 20 }),
             says: "is compressed, which USD forbids in a .usdz",
+            bound: "no compression",
         },
         Bomb {
             name: "instances of instances in USD",
             file: "instances.usda",
             bytes: usd(instances(if is_large { 1_000_000 } else { 500_000 })),
             says: "prims and instances of few bytes",
+            bound: "nodes by the bytes of the files; prototypes are read once",
         },
         Bomb {
             name: "value clips without an end in USD",
@@ -102,6 +112,7 @@ pub fn bombs(size: BombSize) -> Vec<Bomb> {
                  {TRIANGLE}}}\n"
             )),
             says: "its value clips are more than",
+            bound: "10,000 clips",
         },
     ]
 }
@@ -149,7 +160,7 @@ fn deflated(size: usize) -> Vec<u8> {
 }
 
 /// A `.glb` of one mesh with very many primitives.
-pub fn primitives(count: usize) -> Vec<u8> {
+pub fn primitives(count: usize) -> Bomb {
     let whole = std::fs::read(asset("stick.glb")).unwrap();
     let length = u32::from_le_bytes(whole[12..16].try_into().unwrap()) as usize;
     let mut json: serde_json::Value = serde_json::from_slice(&whole[20..20 + length]).unwrap();
@@ -159,5 +170,92 @@ pub fn primitives(count: usize) -> Vec<u8> {
     text.resize(text.len().next_multiple_of(4), b' ');
     let rest = &whole[20 + length..];
     let word = |n: usize| u32::try_from(n).unwrap().to_le_bytes();
-    [b"glTF\x02\0\0\0", &word(20 + text.len() + rest.len())[..], &word(text.len()), b"JSON", &text, rest].concat()
+    let whole = [b"glTF\x02\0\0\0", &word(20 + text.len() + rest.len())[..], &word(text.len()), b"JSON", &text, rest];
+    Bomb { name: "primitives", file: "primitives.glb", bytes: whole.concat(), says: "", bound: "" }
 }
+
+/// The body of a call: bytes, and then an end or none.
+struct Sent {
+    bytes: Option<Bytes>,
+    has_end: bool,
+}
+
+impl http_body::Body for Sent {
+    type Data = Bytes;
+    type Error = Status;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+    ) -> Poll<Option<Result<http_body::Frame<Bytes>, Status>>> {
+        match self.bytes.take() {
+            Some(bytes) => Poll::Ready(Some(Ok(http_body::Frame::data(bytes)))),
+            None if self.has_end => Poll::Ready(None),
+            None => Poll::Pending,
+        }
+    }
+}
+
+/// Bytes that a method gets, whatever they are.
+#[derive(Clone)]
+pub struct RawCall {
+    method: &'static str,
+    bytes: Bytes,
+    has_end: bool,
+}
+
+impl RawCall {
+    /// One message, as gRPC frames it.
+    pub fn new(method: &'static str, message: &[u8]) -> RawCall {
+        let length = u32::try_from(message.len()).unwrap().to_be_bytes();
+        RawCall { method, bytes: [&[0][..], &length, message].concat().into(), has_end: true }
+    }
+
+    /// A message of which the last MiB never comes.
+    pub fn unfinished(method: &'static str, size: usize) -> RawCall {
+        let whole = RawCall::new(method, &vec![0; size]);
+        RawCall { bytes: whole.bytes.slice(..whole.bytes.len() - (1 << 20)), has_end: false, ..whole }
+    }
+
+    /// Calls it. Gives the answer's code, if there is one.
+    pub async fn send(&self, channel: &mut Channel, token: Option<&str>) -> Option<Code> {
+        let mut request = http::Request::post(format!("http://siege/cairn.v1.PileService/{}", self.method))
+            .header("content-type", "application/grpc")
+            .header("te", "trailers");
+        if let Some(token) = token {
+            request = request.header("authorization", format!("Bearer {token}"));
+        }
+        let body = Sent { bytes: Some(self.bytes.clone()), has_end: self.has_end };
+        let request = request.body(tonic::body::Body::new(body)).unwrap();
+        std::future::poll_fn(|context| channel.poll_ready(context)).await.ok()?;
+        let answer = channel.call(request).await.ok()?;
+        Status::from_header_map(answer.headers()).map(|status| status.code())
+    }
+}
+
+/// A field of bytes within a message: its number, and what it holds.
+fn field(number: u8, content: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![number << 3 | 2];
+    let mut length = content.len();
+    while length >= 0x80 {
+        bytes.push((length & 0x7f) as u8 | 0x80);
+        length >>= 7;
+    }
+    bytes.push(length as u8);
+    bytes.extend_from_slice(content);
+    bytes
+}
+
+/// Requests of so many bytes that would take some hundred times as many.
+pub fn swelling(bytes: usize) -> Vec<(&'static str, RawCall)> {
+    let empty = |number: u8| [number << 3 | 2, 0].repeat(bytes / 2);
+    let props = field(1, &field(1, &empty(SCENE_PROPS)));
+    vec![
+        ("BatchCreateBakes of empty requests", RawCall::new("BatchCreateBakes", &empty(1))),
+        ("PlanBake of empty props", RawCall::new("PlanBake", &props)),
+        ("CreateBake of empty labels", RawCall::new("CreateBake", &empty(2))),
+    ]
+}
+
+/// The number of the field `props` of a scene.
+const SCENE_PROPS: u8 = 2;

@@ -20,6 +20,8 @@ mod large;
 mod lists;
 mod load;
 mod page;
+mod promises;
 mod server;
+mod siege;
 mod versions;
 mod worker;

@@ -118,6 +118,10 @@ impl Server {
         assert!(Command::new("kill").args([signal, &self.process.id().to_string()]).status().unwrap().success());
     }
 
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
     /// Whether its process runs.
     pub fn is_running(&mut self) -> bool {
         self.process.try_wait().unwrap().is_none()

@@ -95,9 +95,9 @@ impl MemoryBudget {
 }
 
 impl Share {
-    /// Resolves when the process has to end.
-    pub async fn over(&self) {
-        self.over.cancelled().await;
+    /// Cancelled when the process has to end.
+    pub fn over(&self) -> CancellationToken {
+        self.over.clone()
     }
 
     /// What all processes may have, MiB.

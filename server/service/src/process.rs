@@ -137,9 +137,10 @@ impl Worker {
     /// The worker's next message, or `None` after the last one; a fault that it reports of the disk is an error.
     /// May be dropped and called again.
     pub async fn next(&mut self) -> std::result::Result<Option<WorkerMessage>, Fault> {
+        let over = self.share.over();
         let read = tokio::select! {
             read = self.read() => read,
-            () = self.share.over() => {
+            () = over.cancelled() => {
                 self.kill().await;
                 return Err(Fault::MemoryTogether(self.share.all_mib()));
             }

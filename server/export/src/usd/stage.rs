@@ -27,9 +27,12 @@ const MOST_OPENED: usize = 64 << 20;
 const TIMES_OPENED: usize = 8;
 /// The longest composition, far more than any asset takes.
 const LONGEST: Duration = Duration::from_secs(300);
-/// What a text may have of braces: a prim has two. A small text may have more.
-const BYTES_OF_A_BRACE: usize = 16;
-const FEW_BRACES: usize = 20_000;
+/// What a text may have of opening braces, one for each prim; a small text may have more.
+const BYTES_OF_A_BRACE: usize = 64;
+const FEW_BRACES: usize = 10_000;
+/// Words in one prim: a property has two or more, and for each the reader looks through all others.
+const MOST_WORDS: usize = 50_000;
+const DAMAGED: &str = "it is damaged, or no USD";
 /// The name of the first layer, and what follows the name of a package in that of a layer in it.
 const ROOT: &str = "stage";
 const IN_PACKAGE: &str = ".usdz/";
@@ -73,11 +76,11 @@ pub fn compose<T>(
         _ if bytes.starts_with(TEXT) => "usda",
         _ if bytes.starts_with(CRATE) => "usdc",
         _ if bytes.starts_with(ZIP) => "usdz",
-        _ => return Err("it is damaged, or no USD".into()),
+        _ => return Err(DAMAGED.into()),
     };
     let root = format!("{ROOT}.{ending}");
     let begun = Instant::now();
-    check_package(bytes)?;
+    check_file(bytes)?;
     let table = Rc::new(RefCell::new(FileTable::default()));
     table.borrow_mut().add(root.clone(), Some(bytes.to_vec()));
     for _ in 0..MOST_ROUNDS {
@@ -107,7 +110,7 @@ pub fn compose<T>(
             // Layers and pictures alone: what else it names is none of its business.
             let bytes = files(&name).ok().filter(|bytes| is_usd(bytes) || media_type(bytes).is_some());
             if let Some(bytes) = &bytes {
-                check_package(bytes).map_err(|what| format!("{name}: {what}"))?;
+                check_file(bytes).map_err(|what| format!("{name}: {what}"))?;
             }
             table.add(name, bytes);
         }
@@ -119,7 +122,7 @@ impl ComposedStage {
     fn open(root: &str, files: &Rc<RefCell<FileTable>>, begun: Instant) -> Result<ComposedStage, String> {
         let resolver = || TableResolver(files.clone());
         let opened = usd::Stage::builder().resolver(resolver()).open(root);
-        let stage = opened.map_err(|_| "it is damaged, or no USD".to_owned())?;
+        let stage = opened.map_err(|_| DAMAGED.to_owned())?;
         let sites = SiteCount::new(resolver(), root, files.borrow().bytes);
         Ok(ComposedStage {
             stage,
@@ -379,24 +382,47 @@ impl Layers for TableResolver {
 
 /// Whether a layer can be given to the crate's readers.
 pub fn is_sound(bytes: &[u8]) -> bool {
-    if bytes.starts_with(CRATE) { binary::is_sound(bytes) } else { is_sound_text(bytes) }
+    if bytes.starts_with(CRATE) { binary::is_sound(bytes) } else { check_text(bytes).is_ok() }
 }
 
-/// Whether a text is one of USD, with no more levels and prims than a reader has room for.
-fn is_sound_text(bytes: &[u8]) -> bool {
-    let mut level = 0_usize;
-    let (mut deepest, mut braces) = (0, 0);
-    for byte in bytes {
+/// Refuses a text that is none of USD, or has more levels, prims and properties than a reader has room for.
+fn check_text(bytes: &[u8]) -> Result<(), String> {
+    let (mut braces, mut most_words) = (0, 0);
+    // The open brackets, each with the words in it.
+    let mut open = vec![(b'{', 0_usize)];
+    let mut before = b'\n';
+    for &byte in bytes {
         match byte {
-            b'{' | b'(' | b'[' => level += 1,
-            b'}' | b')' | b']' => level = level.saturating_sub(1),
+            b'{' | b'(' | b'[' if open.len() > MOST_BRACKETS => return Err(DAMAGED.into()),
+            b'{' | b'(' | b'[' => {
+                braces += usize::from(byte == b'{');
+                open.push((byte, 0));
+            }
+            b'}' | b')' | b']' if open.len() > 1 => drop(open.pop()),
+            b'a'..=b'z' | b'A'..=b'Z' | b'_' if before.is_ascii_whitespace() || before == b';' => {
+                if let Some((b'{', words)) = open.last_mut() {
+                    *words += 1;
+                    most_words = most_words.max(*words);
+                }
+            }
             _ => {}
         }
-        braces += usize::from(*byte == b'{');
-        deepest = deepest.max(level);
+        before = byte;
     }
-    let has_room = deepest <= MOST_BRACKETS && braces <= FEW_BRACES + bytes.len() / BYTES_OF_A_BRACE;
-    bytes.starts_with(TEXT) && has_room && std::str::from_utf8(bytes).is_ok()
+    let most = FEW_BRACES + bytes.len() / BYTES_OF_A_BRACE;
+    if braces > most {
+        return Err(format!("it has more than {most} prims of few bytes: save it as .usdc"));
+    }
+    if most_words > MOST_WORDS {
+        return Err(format!("one of its prims has more than {} properties: save it as .usdc", MOST_WORDS / 2));
+    }
+    let is_text = bytes.starts_with(TEXT) && std::str::from_utf8(bytes).is_ok();
+    if is_text { Ok(()) } else { Err(DAMAGED.into()) }
+}
+
+/// Refuses what no reader has room for.
+fn check_file(bytes: &[u8]) -> Result<(), String> {
+    if bytes.starts_with(TEXT) { check_text(bytes) } else { check_package(bytes) }
 }
 
 /// Refuses a package whose files are compressed: they may unfold to any size, and USD forbids it.
@@ -404,9 +430,9 @@ pub fn check_package(bytes: &[u8]) -> Result<(), String> {
     if !bytes.starts_with(ZIP) {
         return Ok(());
     }
-    let mut archive = open_package(bytes).ok_or("it is damaged, or no USD")?;
+    let mut archive = open_package(bytes).ok_or(DAMAGED)?;
     for number in 0..archive.len() {
-        let file = archive.by_index_raw(number).map_err(|_| "it is damaged, or no USD")?;
+        let file = archive.by_index_raw(number).map_err(|_| DAMAGED)?;
         if file.compression() != zip::CompressionMethod::Stored || file.encrypted() {
             return Err(format!(
                 "its file {} is compressed, which USD forbids in a .usdz: pack it without compression, as usdzip does",

@@ -59,6 +59,15 @@ fn instances_of_instances() {
 }
 
 #[test]
+fn very_many_prims_and_properties_of_few_bytes() {
+    let prims: String = (0..20_000).map(|n| format!("def \"a{n}\" {{}}\n")).collect();
+    assert!(refused(&stage(&prims)).contains("prims of few bytes: save it as .usdc"));
+    let properties: String = (0..30_000).map(|n| format!("int a{n}\n")).collect();
+    let what = refused(&stage(&format!("def \"a\" {{\n{properties}}}")));
+    assert!(what.contains("one of its prims has more than 25000 properties"), "{what}");
+}
+
+#[test]
 fn a_mesh_that_is_repeated() {
     let numbers = vec!["(0,0,0)"; 100_000].join(",");
     let mut prims =
