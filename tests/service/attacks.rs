@@ -1,9 +1,9 @@
 //! Attacks on a server, for tests and for the siege.
 
 use crate::service::server::{asset, content, sha256, spec, sphere};
+use bytes::Bytes;
 use cairn_service::client::Connection;
 use cairn_wire::proto::{BakeSpec, PlanBakeRequest, PlanBakeResponse};
-use bytes::Bytes;
 use std::io::{Cursor, Write};
 use std::pin::Pin;
 use std::task::{Context, Poll};

@@ -84,7 +84,9 @@ enum Attack {
     Raw(RawCall, Option<&'static str>),
     /// Many at once, of which none ends.
     Unfinished(RawCall),
-    Silent { with_preface: bool },
+    Silent {
+        with_preface: bool,
+    },
     Bomb(PlanBakeRequest),
 }
 
@@ -100,7 +102,8 @@ struct Row {
 
 /// The attacks; their files are uploaded by the first connection.
 async fn attacks(mallory: &mut Connection) -> Vec<Row> {
-    let row = |name: String, bound, attack, answers| Row { name, bound, attack, answers, peak: 0, outcome: BTreeMap::new() };
+    let row =
+        |name: String, bound, attack, answers| Row { name, bound, attack, answers, peak: 0, outcome: BTreeMap::new() };
     let mut rows = Vec::new();
     for (name, call) in attacks::swelling(LARGE) {
         let bound = "16 times the bytes, and 8 MiB, before it is decoded";

@@ -1,8 +1,8 @@
 //! Authentication of callers by token or certificate. Every call passes here before anything else is done for it.
 
+use crate::accepting::{Peer, PeerInfo};
 use crate::audit;
 use crate::config::{self, Config};
-use crate::connections::{Peer, PeerInfo};
 use crate::metrics::METRICS;
 use crate::status::Fault;
 use cairn_files::problem::Problem;
@@ -288,7 +288,9 @@ fn origin<T>(request: &Request<T>) -> String {
         Some(PeerInfo::Tcp(plain)) => plain.remote_addr(),
         Some(PeerInfo::Tls(encrypted)) => encrypted.get_ref().remote_addr(),
         #[cfg(unix)]
-        Some(PeerInfo::Unix(peer)) => return peer.peer_cred.map_or("unknown".into(), |user| format!("user {}", user.uid())),
+        Some(PeerInfo::Unix(peer)) => {
+            return peer.peer_cred.map_or("unknown".into(), |user| format!("user {}", user.uid()));
+        }
         None => None,
     };
     address.map_or("unknown".into(), |address| address.ip().to_string())

@@ -1,7 +1,8 @@
 //! TLS: certificates and keys, checked before the server listens and reloaded on SIGHUP.
 
+use crate::accepting::{self, Guarded};
 use crate::config::{self, Config};
-use crate::connections::{self, Connections, Guarded};
+use crate::connections::Connections;
 use cairn_files::problem::Problem;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
@@ -128,7 +129,7 @@ pub fn incoming(
     connections: Arc<Connections>,
 ) -> ReceiverStream<std::io::Result<Guarded<TlsStream<TcpStream>>>> {
     let handshakes = Arc::new(Semaphore::new(HANDSHAKES));
-    connections::incoming(listener, connections, move |stream: TcpStream| {
+    accepting::incoming(listener, connections, move |stream: TcpStream| {
         let (acceptor, handshakes) = (TlsAcceptor::from(settings.borrow().clone()), handshakes.clone());
         async move {
             let _permit = handshakes.acquire_owned().await;

@@ -10,6 +10,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 // The server's own process does not use `analysis` and `worker`: it decodes no model and runs no physics.
+mod accepting;
 mod access;
 pub mod analysis;
 pub mod api;

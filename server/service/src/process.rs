@@ -24,7 +24,8 @@ use tokio_stream::StreamExt;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
 
 /// Variables that a worker needs, or that tests set.
-const KEPT: [&str; 8] = ["FAILPOINTS", "PATH", "LD_LIBRARY_PATH", "RUST_BACKTRACE", "SystemRoot", "TEMP", "TMP", "TMPDIR"];
+const KEPT: [&str; 8] =
+    ["FAILPOINTS", "PATH", "LD_LIBRARY_PATH", "RUST_BACKTRACE", "SystemRoot", "TEMP", "TMP", "TMPDIR"];
 /// What the standard library says at the memory limit, and what the program says of threads that it does not get there.
 const SAID_WITHOUT_MEMORY: [&str; 3] = ["memory allocation of", "no thread could be started", "failed to spawn thread"];
 

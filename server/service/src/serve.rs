@@ -1,11 +1,12 @@
 //! The server around the service: authentication, health, reflection and shutdown.
 
+use crate::accepting;
 use crate::access::{self, Access};
 use crate::api::pile_service_server::PileServiceServer;
 use crate::audit::{Audit, OpenCalls};
 use crate::calls::Service;
 use crate::config::Config;
-use crate::connections::{self, Connections};
+use crate::connections::Connections;
 use crate::encryption;
 use crate::incoming::Incoming;
 use crate::jobs::Bakes;
@@ -112,7 +113,7 @@ pub async fn run(
     let reloader = tokio::spawn(read_again(reload, bakes.clone(), secrets.token, access, tls));
     let open = Arc::<OpenCalls>::default();
     let routes = routes(&bakes, &access_now, &open)?.add_service(health_service);
-    let routes = Routes::from(routes.into_axum_router().layer(axum::middleware::from_fn(connections::count_call)));
+    let routes = Routes::from(routes.into_axum_router().layer(axum::middleware::from_fn(accepting::count_call)));
 
     let (closing, connections) = (CancellationToken::new(), Connections::new());
     let mut servers = tokio::task::JoinSet::new();
@@ -247,13 +248,13 @@ async fn serve(
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
         (Listener::Tcp(listener), None) => {
-            let incoming = connections::incoming(listener, connections, |stream| std::future::ready(Some(stream)));
+            let incoming = accepting::incoming(listener, connections, |stream| std::future::ready(Some(stream)));
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
         #[cfg(unix)]
         (Listener::Unix(listener, _), _) => {
             let greet = |stream| std::future::ready(Some(unix::UnixConnection::new(stream)));
-            let incoming = connections::incoming(listener, connections, greet);
+            let incoming = accepting::incoming(listener, connections, greet);
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
     }

@@ -130,7 +130,8 @@ fn machine_findings(cache: &BakeCache) -> Vec<Finding> {
         });
     }
     let missing = sandbox::tried();
-    let text = if missing.is_empty() { "files, connections and programs are shut off".into() } else { missing.join("; ") };
+    let text =
+        if missing.is_empty() { "files, connections and programs are shut off".into() } else { missing.join("; ") };
     findings.push(Finding::new("sandbox", text));
     if let Some((folder, all, others)) = cache.found() {
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);

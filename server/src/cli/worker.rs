@@ -3,8 +3,8 @@
 use super::{Failure, bounds};
 use cairn_job::machine;
 use cairn_job::reuse::BakeCache;
-use cairn_service::{analysis, sandbox};
 use cairn_service::worker::{self, WorkerError};
+use cairn_service::{analysis, sandbox};
 use std::path::PathBuf;
 
 /// Bakes in a folder of a server's store

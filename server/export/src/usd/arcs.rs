@@ -94,8 +94,7 @@ impl LayerArcs {
             _ => None,
         };
         let variables = stack_expression_variables(data, &HashMap::new()).unwrap_or_default();
-        let mut read =
-            LayerArcs { arcs: HashMap::new(), sublayers, default_prim, variables, too_many_clips: false };
+        let mut read = LayerArcs { arcs: HashMap::new(), sublayers, default_prim, variables, too_many_clips: false };
         for path in data.spec_paths().into_iter().filter(|path| !path.is_property_path()) {
             let mut arcs = Vec::new();
             let prim = |path: &Path| Some(path.strip_all_variant_selections()).filter(|path| !path.is_empty());

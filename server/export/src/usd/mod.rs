@@ -31,6 +31,7 @@ mod material;
 mod model;
 mod origin;
 mod physics;
+mod sound;
 mod stage;
 mod textures;
 mod to_gltf;
@@ -67,12 +68,12 @@ pub fn is_usd(bytes: &[u8]) -> bool {
 
 /// The layer of a file; of a package, its first one. The crate's readers may panic.
 fn open(bytes: &[u8]) -> Option<Box<dyn AbstractData + '_>> {
-    if bytes.starts_with(ZIP) { open_layer(stage::first_layer(bytes)?) } else { open_layer(bytes) }
+    if bytes.starts_with(ZIP) { open_layer(sound::first_layer(bytes)?) } else { open_layer(bytes) }
 }
 
 fn open_layer<'a>(bytes: impl AsRef<[u8]> + 'a) -> Option<Box<dyn AbstractData + 'a>> {
     match bytes.as_ref() {
-        whole if !stage::is_sound(whole) => None,
+        whole if !sound::is_sound(whole) => None,
         whole if whole.starts_with(TEXT) => Some(Box::new(usda::parse(std::str::from_utf8(whole).ok()?).ok()?)),
         _ => Some(Box::new(CrateData::open(Cursor::new(bytes), true).ok()?)),
     }

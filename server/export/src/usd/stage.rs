@@ -2,7 +2,8 @@
 //! classes, its instances included. Files are read by their paths from the first layer's folder.
 
 use super::arcs::{LayerArcs, Layers, SiteCount};
-use super::{CRATE, TEXT, ZIP, binary, is_usd};
+use super::sound::{DAMAGED, check_file, file_in, first_file, is_sound, open_package};
+use super::{CRATE, TEXT, ZIP, is_usd};
 use cairn_gltf::Resolver as Files;
 use cairn_gltf::media::media_type;
 use openusd::ar::{Asset, ResolvedPath, Resolver};
@@ -10,29 +11,19 @@ use openusd::sdf::{Path, Specifier, TimeSampleMap, Value};
 use openusd::usd;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::io::{Cursor, Error, ErrorKind, Read};
+use std::io::{Cursor, Error, ErrorKind};
 use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 /// Files of a stage, and the longest chain in which they name each other: more than any asset has.
 const MOST_FILES: usize = 10_000;
 const MOST_ROUNDS: usize = 64;
-/// Bytes of a file in a package.
-const MOST_PACKED: u64 = 1 << 30;
-/// Levels of brackets in a text.
-const MOST_BRACKETS: usize = 256;
 /// Layers take memory when they are opened, and a package may name the same bytes often: bytes of layers in a round, and
 /// how often all bytes.
 const MOST_OPENED: usize = 64 << 20;
 const TIMES_OPENED: usize = 8;
 /// The longest composition, far more than any asset takes.
 const LONGEST: Duration = Duration::from_secs(300);
-/// What a text may have of opening braces, one for each prim; a small text may have more.
-const BYTES_OF_A_BRACE: usize = 64;
-const FEW_BRACES: usize = 10_000;
-/// Words in one prim: a property has two or more, and for each the reader looks through all others.
-const MOST_WORDS: usize = 50_000;
-const DAMAGED: &str = "it is damaged, or no USD";
 /// The name of the first layer, and what follows the name of a package in that of a layer in it.
 const ROOT: &str = "stage";
 const IN_PACKAGE: &str = ".usdz/";
@@ -124,13 +115,7 @@ impl ComposedStage {
         let opened = usd::Stage::builder().resolver(resolver()).open(root);
         let stage = opened.map_err(|_| DAMAGED.to_owned())?;
         let sites = SiteCount::new(resolver(), root, files.borrow().bytes);
-        Ok(ComposedStage {
-            stage,
-            files: files.clone(),
-            sites: RefCell::new(sites),
-            begun,
-            fault: RefCell::default(),
-        })
+        Ok(ComposedStage { stage, files: files.clone(), sites: RefCell::new(sites), begun, fault: RefCell::default() })
     }
 
     /// Whether a prim may be composed: everything that is asked of a stage begins with this.
@@ -380,69 +365,6 @@ impl Layers for TableResolver {
     }
 }
 
-/// Whether a layer can be given to the crate's readers.
-pub fn is_sound(bytes: &[u8]) -> bool {
-    if bytes.starts_with(CRATE) { binary::is_sound(bytes) } else { check_text(bytes).is_ok() }
-}
-
-/// Refuses a text that is none of USD, or has more levels, prims and properties than a reader has room for.
-fn check_text(bytes: &[u8]) -> Result<(), String> {
-    let (mut braces, mut most_words) = (0, 0);
-    // The open brackets, each with the words in it.
-    let mut open = vec![(b'{', 0_usize)];
-    let mut before = b'\n';
-    for &byte in bytes {
-        match byte {
-            b'{' | b'(' | b'[' if open.len() > MOST_BRACKETS => return Err(DAMAGED.into()),
-            b'{' | b'(' | b'[' => {
-                braces += usize::from(byte == b'{');
-                open.push((byte, 0));
-            }
-            b'}' | b')' | b']' if open.len() > 1 => drop(open.pop()),
-            b'a'..=b'z' | b'A'..=b'Z' | b'_' if before.is_ascii_whitespace() || before == b';' => {
-                if let Some((b'{', words)) = open.last_mut() {
-                    *words += 1;
-                    most_words = most_words.max(*words);
-                }
-            }
-            _ => {}
-        }
-        before = byte;
-    }
-    let most = FEW_BRACES + bytes.len() / BYTES_OF_A_BRACE;
-    if braces > most {
-        return Err(format!("it has more than {most} prims of few bytes: save it as .usdc"));
-    }
-    if most_words > MOST_WORDS {
-        return Err(format!("one of its prims has more than {} properties: save it as .usdc", MOST_WORDS / 2));
-    }
-    let is_text = bytes.starts_with(TEXT) && std::str::from_utf8(bytes).is_ok();
-    if is_text { Ok(()) } else { Err(DAMAGED.into()) }
-}
-
-/// Refuses what no reader has room for.
-fn check_file(bytes: &[u8]) -> Result<(), String> {
-    if bytes.starts_with(TEXT) { check_text(bytes) } else { check_package(bytes) }
-}
-
-/// Refuses a package whose files are compressed: they may unfold to any size, and USD forbids it.
-pub fn check_package(bytes: &[u8]) -> Result<(), String> {
-    if !bytes.starts_with(ZIP) {
-        return Ok(());
-    }
-    let mut archive = open_package(bytes).ok_or(DAMAGED)?;
-    for number in 0..archive.len() {
-        let file = archive.by_index_raw(number).map_err(|_| DAMAGED)?;
-        if file.compression() != zip::CompressionMethod::Stored || file.encrypted() {
-            return Err(format!(
-                "its file {} is compressed, which USD forbids in a .usdz: pack it without compression, as usdzip does",
-                file.name()
-            ));
-        }
-    }
-    Ok(())
-}
-
 fn is_package(name: &str) -> bool {
     name.to_ascii_lowercase().ends_with(".usdz")
 }
@@ -465,32 +387,6 @@ fn join(from: &str, path: &str) -> String {
         }
     }
     parts.join("/")
-}
-
-fn open_package(package: &[u8]) -> Option<zip::ZipArchive<Cursor<&[u8]>>> {
-    zip::ZipArchive::new(Cursor::new(package)).ok()
-}
-
-/// A file of a package.
-fn file_in(package: &[u8], name: &str) -> Option<Vec<u8>> {
-    let mut archive = open_package(package)?;
-    let file = archive.by_name(name).ok()?;
-    let mut bytes = Vec::new();
-    file.take(MOST_PACKED).read_to_end(&mut bytes).ok()?;
-    Some(bytes)
-}
-
-/// The bytes of the first file of a package, which is not compressed.
-pub fn first_layer(package: &[u8]) -> Option<Vec<u8>> {
-    check_package(package).ok()?;
-    file_in(package, &first_file(package)?)
-}
-
-/// The first file of a package: its layer.
-fn first_file(package: &[u8]) -> Option<String> {
-    let mut archive = open_package(package)?;
-    let first = archive.by_index(0).ok()?;
-    Some(first.name().to_owned())
 }
 
 /// A token as text.

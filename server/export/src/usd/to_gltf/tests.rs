@@ -70,9 +70,10 @@ fn very_many_prims_and_properties_of_few_bytes() {
 #[test]
 fn a_mesh_that_is_repeated() {
     let numbers = vec!["(0,0,0)"; 100_000].join(",");
-    let mut prims =
-        format!("def Mesh \"m\" {{\npoint3f[] points = [{numbers}]\nint[] faceVertexCounts = []\n\
-                 int[] faceVertexIndices = []\n}}\n");
+    let mut prims = format!(
+        "def Mesh \"m\" {{\npoint3f[] points = [{numbers}]\nint[] faceVertexCounts = []\n\
+                 int[] faceVertexIndices = []\n}}\n"
+    );
     for n in 0..100 {
         prims += &format!("def \"a{n}\" (references = </m>) {{}}\n");
     }
