@@ -1,9 +1,9 @@
 //! Attacks on a server, for tests and for the siege.
 
-use crate::service::server::{asset, content, sha256, spec, sphere};
+use crate::service::server::{asset, content, sha256, spec};
 use bytes::Bytes;
 use cairn_service::client::Connection;
-use cairn_wire::proto::{BakeSpec, PlanBakeRequest, PlanBakeResponse};
+use cairn_wire::proto::BakeSpec;
 use std::io::{Cursor, Write};
 use std::pin::Pin;
 use std::task::{Context, Poll};
@@ -30,21 +30,11 @@ pub enum BombSize {
     Large,
 }
 
-const TRIANGLE: &str = "def Mesh \"m\" {\npoint3f[] points = [(0,0,0), (1,0,0), (0,1,0)]\nint[] faceVertexCounts = [3]\n\
-                        int[] faceVertexIndices = [0, 1, 2]\n}\n";
+const TRIANGLE: &str = "def Mesh \"m\" {\npoint3f[] points = [(0,0,0), (1,0,0), (0,1,0)]\n\
+                        int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n}\n";
 
 pub async fn upload(connection: &mut Connection, files: &[Vec<u8>]) {
     connection.upload(&files.iter().map(|bytes| (sha256(bytes), bytes.clone().into())).collect()).await.unwrap();
-}
-
-/// A plan with a prop of a million triangles, which takes some hundred MiB.
-pub async fn sphere_plan(connection: &mut Connection) -> Result<PlanBakeResponse, Status> {
-    let sphere = sphere(1000);
-    upload(connection, &[sphere.clone()]).await;
-    let mut spec = spec(&[]);
-    spec.assets[1].sha256 = sha256(&sphere);
-    let planned = connection.service.plan_bake(PlanBakeRequest { spec: Some(spec) }).await;
-    planned.map(tonic::Response::into_inner)
 }
 
 impl Bomb {

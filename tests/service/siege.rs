@@ -304,26 +304,31 @@ fn p99(met: &Met) -> Duration {
 }
 
 fn page(rows: &[Row], met: &Met, peak: u64, seconds: u64) -> String {
-    let mut page = String::from(
-        "# The siege\n\nWhat attackers reach, with and without a token, while eight clients bake. Written by \
-         `tests/service/siege.rs`, which says how.\n\nPeak memory is that of the server and all of its processes, MiB, \
-         for an attack alone; the outcome is what the\nanswers were while all came at once.\n\n| attack | bound | peak, \
-         MiB | outcome |\n| --- | --- | --- | --- |\n",
-    );
+    let mut page = [
+        "# The siege",
+        "",
+        "What attackers reach, with and without a token, while eight clients bake. `tests/service/siege.rs` writes this",
+        "page, and says how. Peak memory is that of the server and all of its processes, MiB, for an attack alone; the",
+        "outcome is what was answered while all came at once.",
+        "",
+        "| attack | bound | peak, MiB | outcome |",
+        "| --- | --- | --- | --- |",
+        "",
+    ]
+    .join("\n");
     for row in rows {
         let outcome: Vec<String> = row.outcome.iter().map(|(what, count)| format!("{what}: {count}")).collect();
         let _ = writeln!(page, "| {} | {} | {} | {} |", row.name, row.bound, row.peak, outcome.join(", "));
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let _ = writeln!(
-        page,
-        "\nAll at once for {seconds} s on {cores} cores, clients and attackers beside the server: {} bakes of the \
-         clients were\naccepted, 99 of 100 within {} ms, {} finished, and {} failed. The server and all of its processes \
-         took {peak} MiB at most.",
-        met.accepted.len(),
-        p99(met).as_millis(),
-        met.bakes,
-        met.errors.len(),
-    );
+    let (accepted, p99, bakes, errors) = (met.accepted.len(), p99(met).as_millis(), met.bakes, met.errors.len());
+    let lines = [
+        format!(
+            "All at once for {seconds} s on {cores} cores, clients and attackers beside the server: {accepted} bakes"
+        ),
+        format!("bakes of the clients were accepted, 99 of 100 within {p99} ms; {bakes} finished, and {errors} failed. The"),
+        format!("server and all of its processes took {peak} MiB at most."),
+    ];
+    let _ = writeln!(page, "\n{}", lines.join("\n"));
     page
 }

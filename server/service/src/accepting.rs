@@ -122,7 +122,7 @@ where
 impl<T: AsyncRead + Unpin> AsyncRead for Guarded<T> {
     fn poll_read(mut self: Pin<&mut Self>, context: &mut Context, buffer: &mut ReadBuf) -> Poll<Result<()>> {
         if self.ends(context) {
-            return Poll::Ready(Err(Error::new(ErrorKind::TimedOut, "nothing is said on this connection")));
+            return Poll::Ready(Err(Error::new(ErrorKind::TimedOut, "Nothing is said on this connection")));
         }
         Pin::new(&mut self.stream).poll_read(context, buffer)
     }
@@ -196,7 +196,6 @@ where
                 }
             };
             let Some(connection) = connections.open(owner) else {
-                debug!("a connection was refused: all that may be open are in use");
                 continue;
             };
             let (greeted, sender) = (greet(stream), sender.clone());

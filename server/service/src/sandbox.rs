@@ -6,9 +6,9 @@ use std::path::Path;
 /// What a sandbox lacks on this machine, one sentence each.
 pub type Missing = Vec<&'static str>;
 
-pub const NO_FILES: &str = "files are not shut off: Landlock needs Linux 5.13, and to be switched on in the kernel";
-pub const NO_CALLS: &str = "connections, programs and other processes are not shut off: seccomp is not there";
-pub const NO_SANDBOX: &str = "this system has no sandbox that needs no privileges: run the server as a user of its own";
+pub const NO_FILES: &str = "Files are not shut off: Landlock needs Linux 5.13, and to be switched on in the kernel";
+pub const NO_CALLS: &str = "Connections, programs and other processes are not shut off: seccomp is not there";
+pub const NO_SANDBOX: &str = "This system has no sandbox that needs no privileges: run the server as a user of its own";
 
 /// Puts this thread, and all that it starts later, into the sandbox. `folders`: those that it may read and write.
 #[cfg(target_os = "linux")]

@@ -76,8 +76,8 @@ pub struct Args {
     #[arg(long, value_name = "MIB", env = "CAIRN_BAKE_MEMORY_MIB")]
     bake_memory_mib: Option<u64>,
 
-    /// Memory of all bakes and plans together, MiB; 0: four fifths of the machine's, or of what its control group leaves
-    /// [default: 0]
+    /// Memory of all bakes and plans together, MiB; 0: four fifths of the machine's, or of what its control group
+    /// leaves [default: 0]
     #[arg(long, value_name = "MIB", env = "CAIRN_MEMORY_MIB")]
     memory_mib: Option<u64>,
 

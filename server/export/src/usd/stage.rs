@@ -18,10 +18,11 @@ use std::time::{Duration, Instant};
 /// Files of a stage, and the longest chain in which they name each other: more than any asset has.
 const MOST_FILES: usize = 10_000;
 const MOST_ROUNDS: usize = 64;
-/// Layers take memory when they are opened, and a package may name the same bytes often: bytes of layers in a round, and
-/// how often all bytes.
+/// Layers take memory when they are opened, and a package may name the same bytes often: bytes of layers in a round,
+/// and how often all bytes.
 const MOST_OPENED: usize = 64 << 20;
 const TIMES_OPENED: usize = 8;
+const OPENED_TOO_OFTEN: &str = "its layers are opened too often for their size: save it flattened";
 /// The longest composition, far more than any asset takes.
 const LONGEST: Duration = Duration::from_secs(300);
 /// The name of the first layer, and what follows the name of a package in that of a layer in it.
@@ -129,9 +130,7 @@ impl ComposedStage {
             Ok(()) if self.begun.elapsed() > LONGEST => {
                 format!("it takes longer than {} s to compose: save it flattened", LONGEST.as_secs())
             }
-            Ok(()) if self.files.borrow().is_exhausted() => {
-                "its layers are opened too often for their size: save it flattened".into()
-            }
+            Ok(()) if self.files.borrow().is_exhausted() => OPENED_TOO_OFTEN.into(),
             Ok(()) => return true,
         };
         *self.fault.borrow_mut() = Some(fault);
@@ -334,13 +333,13 @@ impl Resolver for TableResolver {
         let bytes = {
             let mut table = self.0.borrow_mut();
             if table.is_exhausted() {
-                return Err(Error::other("layers are opened too often"));
+                return Err(Error::other(OPENED_TOO_OFTEN));
             }
             let bytes = table.open(&name).ok_or(ErrorKind::NotFound)?;
             table.opened += bytes.len();
             bytes
         };
-        if is_sound(&bytes) { Ok(Box::new(Cursor::new(bytes))) } else { Err(Error::other("it is damaged, or no USD")) }
+        if is_sound(&bytes) { Ok(Box::new(Cursor::new(bytes))) } else { Err(Error::other(DAMAGED)) }
     }
 
     fn get_modification_timestamp(&self, _: &str, _: &ResolvedPath) -> Option<std::time::SystemTime> {
@@ -394,5 +393,29 @@ pub fn token(value: Option<Value>) -> Option<String> {
     match value? {
         Value::Token(token) => Some(token.as_str().to_owned()),
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stage of one prim, after a change of its table, begun so long ago.
+    fn fault(change: impl Fn(&mut FileTable), ago: Duration) -> Option<String> {
+        let table = Rc::new(RefCell::new(FileTable::default()));
+        table.borrow_mut().add("stage.usda".into(), Some(b"#usda 1.0\ndef \"a\" {}\n".to_vec()));
+        let stage = ComposedStage::open("stage.usda", &table, Instant::now().checked_sub(ago)?).ok()?;
+        change(&mut table.borrow_mut());
+        let _ = stage.children(&Path::abs_root());
+        stage.check().err()
+    }
+
+    #[test]
+    fn time_and_layers_are_counted() {
+        assert_eq!(fault(|_| (), Duration::ZERO), None);
+        let late = fault(|_| (), LONGEST + Duration::from_secs(1));
+        assert!(late.is_none_or(|what| what.contains("it takes longer than 300 s to compose: save it flattened")));
+        let often = fault(|table| table.opened = 2 * MOST_OPENED, Duration::ZERO);
+        assert_eq!(often.as_deref(), Some("its layers are opened too often for their size: save it flattened"));
     }
 }

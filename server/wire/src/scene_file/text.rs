@@ -192,7 +192,8 @@ mod tests {
             read(text).expect_err("it is too large")[0].message.clone()
         };
         let bodies = "[[bodies]]\nprop = 'cube'\n".repeat(300_000);
-        assert!(refused(&bodies, parse_toml).contains("more than 250000 groups of fields"));
+        let what = refused(&bodies, parse_toml);
+        assert!(what.contains("it has more than 250000 groups of fields, and a scene at most 100000 bodies"));
         let inline = format!("bodies = [{}]", "{prop='a'},".repeat(300_000));
         assert!(refused(&inline, parse_toml).contains("more than 250000 groups of fields"));
         let json = format!("{{\"bodies\": [{}{{}}]}}", "{},".repeat(300_000));

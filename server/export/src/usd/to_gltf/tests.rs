@@ -13,8 +13,8 @@ fn stage(prims: &str) -> Vec<u8> {
     format!("#usda 1.0\n{prims}").into_bytes()
 }
 
-const TRIANGLE: &str = "def Mesh \"m\" {\npoint3f[] points = [(0,0,0), (1,0,0), (0,1,0)]\nint[] faceVertexCounts = [3]\n\
-                        int[] faceVertexIndices = [0, 1, 2]\n}\n";
+const TRIANGLE: &str = "def Mesh \"m\" {\npoint3f[] points = [(0,0,0), (1,0,0), (0,1,0)]\n\
+                        int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n}\n";
 
 #[test]
 fn references_that_double() {
@@ -98,7 +98,8 @@ fn a_package_that_is_compressed() {
 fn instances_show_their_prototype_each_at_its_place() {
     let prims = format!(
         "def PointInstancer \"all\" {{\nrel prototypes = [</all/p>, </all/q>]\nint[] protoIndices = [0, 1, 0]\n\
-         point3f[] positions = [(1,0,0), (2,0,0), (3,0,0)]\ndef \"p\" {{ {TRIANGLE} {} }}\ndef \"q\" {{ {TRIANGLE} }}\n}}\n",
+         point3f[] positions = [(1,0,0), (2,0,0), (3,0,0)]\ndef \"p\" {{ {TRIANGLE} {} }}\n\
+         def \"q\" {{ {TRIANGLE} }}\n}}\n",
         TRIANGLE.replace("\"m\"", "\"n\"")
     );
     let none = |_: &str| Err("no file".to_owned());
