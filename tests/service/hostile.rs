@@ -98,11 +98,14 @@ async fn a_bake_takes_the_lower_limit_of_the_machine() {
     assert!(end.message().contains("1464 MiB"), "{}", end.message());
 }
 
+/// Takes 512 MiB, and goes on.
+const GREEDY: &str = "exec awk 'BEGIN { a = \"x\"; for (n = 0; n < 29; n++) a = a a; for (;;) n = n + 1 }'";
+
 /// A bake that grows beyond what all may have ends, and the server goes on.
 #[tokio::test]
 async fn all_processes_share_one_budget() {
     let folder = tempfile::tempdir().unwrap();
-    let server = with_bakes(folder.path(), "true", "exec tail -c 900000000 /dev/zero", &["--memory-mib", "300"]);
+    let server = with_bakes(folder.path(), "true", GREEDY, &["--memory-mib", "300"]);
     let mut anna = server.ready().await;
     let (_, end) = events(anna.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     assert_fault(&end.unwrap_err(), Code::ResourceExhausted, "MEMORY_TOGETHER");

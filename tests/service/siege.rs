@@ -9,7 +9,7 @@
 //! It fails if a client meets an error, if an attack is not answered as it should be, or if a bake is accepted too
 //! late. With `UPDATE_PAGE=1` it writes the table to `tests/studies/siege.md`.
 
-use crate::service::attacks::{self, BombSize, RawCall};
+use crate::service::attacks::{self, Bomb, BombSize, RawCall};
 use crate::service::server::{Server, channel, children, content, request, short, take};
 use cairn_service::client::{Connection, Target};
 use cairn_wire::proto::PlanBakeRequest;
@@ -32,7 +32,7 @@ const SETTINGS: [&str; 6] = ["--workers", "2", "--bake-memory-mib", "2048", "--m
 const CLIENTS: i64 = 8;
 const SECONDS: u64 = 180;
 /// Of an attack alone.
-const ALONE: Duration = Duration::from_secs(8);
+const ALONE: Duration = Duration::from_secs(5);
 /// Pause of an attacker between two calls.
 const PAUSE: Duration = Duration::from_millis(200);
 /// How soon 99 of 100 bakes are accepted.
@@ -101,7 +101,7 @@ struct Row {
 }
 
 /// The attacks; their files are uploaded by the first connection.
-async fn attacks(mallory: &mut Connection) -> Vec<Row> {
+async fn attacks(mallory: &mut Connection, bombs: &[Bomb], primitives: &Bomb) -> Vec<Row> {
     let row =
         |name: String, bound, attack, answers| Row { name, bound, attack, answers, peak: 0, outcome: BTreeMap::new() };
     let mut rows = Vec::new();
@@ -120,13 +120,13 @@ async fn attacks(mallory: &mut Connection) -> Vec<Row> {
     for (name, with_preface) in [("silent connections", false), ("connections with a preface alone", true)] {
         rows.push(row(format!("{SILENT} {name}"), bound, Attack::Silent { with_preface }, &[]));
     }
-    for bomb in attacks::bombs(BombSize::Large) {
+    for bomb in bombs {
         let spec = bomb.upload(mallory).await;
         let name = format!("{}, {} KiB", bomb.name, bomb.bytes() >> 10);
         let plan = Attack::Bomb(PlanBakeRequest { spec: Some(spec) });
         rows.push(row(name, bomb.bound, plan, &[Code::InvalidArgument, Code::ResourceExhausted]));
     }
-    let plan = PlanBakeRequest { spec: Some(attacks::primitives(PRIMITIVES).upload(mallory).await) };
+    let plan = PlanBakeRequest { spec: Some(primitives.upload(mallory).await) };
     let bound = "linear in triangles; 4 million of them; 120 s of a plan";
     rows.push(row(format!(".glb of {PRIMITIVES} primitives in one place"), bound, Attack::Bomb(plan), &[]));
     let mut plan = short(1);
@@ -242,14 +242,15 @@ async fn clients_bake_on_while_others_attack() {
     let files = ["cone-small.glb", "stick.glb"].map(content);
     let mut rows = Vec::new();
     let probe = Besieged::start();
-    let count = attacks(&mut probe.connect("mallory").await).await.len();
+    let (bombs, primitives) = (attacks::bombs(BombSize::Large), attacks::primitives(PRIMITIVES));
+    let count = attacks(&mut probe.connect("mallory").await, &bombs, &primitives).await.len();
     drop(probe);
     // Each alone.
     for at in 0..count {
         let besieged = Arc::new(Besieged::start());
         let mut mallory = besieged.connect("mallory").await;
         attacks::upload(&mut mallory, &files).await;
-        let mut row = attacks(&mut mallory).await.swap_remove(at);
+        let mut row = attacks(&mut mallory, &bombs, &primitives).await.swap_remove(at);
         let (is_over, outcome) = (Arc::<AtomicBool>::default(), Arc::default());
         let work = attack(besieged.clone(), row.attack.clone(), is_over.clone(), outcome);
         let task = tokio::spawn(work);
@@ -262,7 +263,7 @@ async fn clients_bake_on_while_others_attack() {
     let besieged = Arc::new(Besieged::start());
     let mut mallory = besieged.connect("mallory").await;
     attacks::upload(&mut mallory, &files).await;
-    attacks(&mut mallory).await;
+    attacks(&mut mallory, &bombs, &primitives).await;
     attacks::upload(&mut besieged.connect("anna").await, &files).await;
     let (is_over, met) = (Arc::<AtomicBool>::default(), Arc::<Mutex<Met>>::default());
     let mut clients = tokio::task::JoinSet::new();
@@ -307,9 +308,9 @@ fn page(rows: &[Row], met: &Met, peak: u64, seconds: u64) -> String {
     let mut page = [
         "# The siege",
         "",
-        "What attackers reach, with and without a token, while eight clients bake. `tests/service/siege.rs` writes this",
-        "page, and says how. Peak memory is that of the server and all of its processes, MiB, for an attack alone; the",
-        "outcome is what was answered while all came at once.",
+        "What attackers reach, with and without a token, while eight clients bake. `tests/service/siege.rs`",
+        "writes this page, and says how. Peak memory is that of the server and all of its processes, MiB, for an",
+        "attack alone; the outcome is what was answered while all came at once.",
         "",
         "| attack | bound | peak, MiB | outcome |",
         "| --- | --- | --- | --- |",
@@ -326,7 +327,9 @@ fn page(rows: &[Row], met: &Met, peak: u64, seconds: u64) -> String {
         format!(
             "All at once for {seconds} s on {cores} cores, clients and attackers beside the server: {accepted} bakes"
         ),
-        format!("bakes of the clients were accepted, 99 of 100 within {p99} ms; {bakes} finished, and {errors} failed. The"),
+        format!(
+            "bakes of the clients were accepted, 99 of 100 within {p99} ms; {bakes} finished, and {errors} failed. The"
+        ),
         format!("server and all of its processes took {peak} MiB at most."),
     ];
     let _ = writeln!(page, "\n{}", lines.join("\n"));

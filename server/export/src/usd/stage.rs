@@ -1,6 +1,9 @@
 //! A composed stage: a layer with all that it takes from others by sublayers, references, payloads, variants and
 //! classes, its instances included. Files are read by their paths from the first layer's folder.
 
+#[cfg(test)]
+mod tests;
+
 use super::arcs::{LayerArcs, Layers, SiteCount};
 use super::sound::{DAMAGED, check_file, file_in, first_file, is_sound, open_package};
 use super::{CRATE, TEXT, ZIP, is_usd};
@@ -393,29 +396,5 @@ pub fn token(value: Option<Value>) -> Option<String> {
     match value? {
         Value::Token(token) => Some(token.as_str().to_owned()),
         _ => None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A stage of one prim, after a change of its table, begun so long ago.
-    fn fault(change: impl Fn(&mut FileTable), ago: Duration) -> Option<String> {
-        let table = Rc::new(RefCell::new(FileTable::default()));
-        table.borrow_mut().add("stage.usda".into(), Some(b"#usda 1.0\ndef \"a\" {}\n".to_vec()));
-        let stage = ComposedStage::open("stage.usda", &table, Instant::now().checked_sub(ago)?).ok()?;
-        change(&mut table.borrow_mut());
-        let _ = stage.children(&Path::abs_root());
-        stage.check().err()
-    }
-
-    #[test]
-    fn time_and_layers_are_counted() {
-        assert_eq!(fault(|_| (), Duration::ZERO), None);
-        let late = fault(|_| (), LONGEST + Duration::from_secs(1));
-        assert!(late.is_none_or(|what| what.contains("it takes longer than 300 s to compose: save it flattened")));
-        let often = fault(|table| table.opened = 2 * MOST_OPENED, Duration::ZERO);
-        assert_eq!(often.as_deref(), Some("its layers are opened too often for their size: save it flattened"));
     }
 }

@@ -33,17 +33,6 @@ fn references_that_double() {
 }
 
 #[test]
-fn prims_that_double_at_every_level() {
-    let mut prims = format!("def \"a0\" {{ {TRIANGLE} }}\n");
-    for n in 1..30 {
-        let child = |name: &str| format!("def \"{name}\" (references = </a{}>) {{}}\n", n - 1);
-        prims += &format!("def \"a{n}\" {{\n{}{}}}\n", child("x"), child("y"));
-    }
-    let what = refused(&stage(&prims));
-    assert!(what.contains("of few") && what.contains("it is not composed"), "{what}");
-}
-
-#[test]
 fn instances_of_instances() {
     let mut prims = format!("def \"p0\" {{ {TRIANGLE} }}\n");
     let positions = vec!["(0,0,0)"; 100].join(",");
