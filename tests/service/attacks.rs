@@ -64,8 +64,8 @@ pub fn bombs(size: BombSize) -> Vec<Bomb> {
             bytes: usd(nested(|name, before| {
                 format!("def \"{name}\" (references = [</a{before}>, </b{before}>]) {{}}\n")
             })),
-            says: "its references multiply to more than",
-            bound: "sites of all prims, counted before they are composed",
+            says: "the references of a prim multiply to more than",
+            bound: "1,000 sites of a prim, counted before it is composed",
         },
         Bomb {
             name: "a deflated .usdz",

@@ -13,6 +13,8 @@ use std::rc::Rc;
 /// Sites of all prims of a small stage, and bytes of its files for each further one. A site takes a kilobyte.
 const FEW_SITES: usize = 50_000;
 const BYTES_OF_A_SITE: usize = 16;
+/// Sites of one prim, more than any asset's has: the time of its composition grows with their square.
+const MOST_SITES_OF_A_PRIM: usize = 1000;
 /// Arcs in a row.
 const MOST_STEPS: usize = 200;
 /// Clips that a pattern of file names stands for.
@@ -22,6 +24,7 @@ const MOST_CLIPS: f64 = 10_000.0;
 #[derive(Clone, Debug)]
 pub enum TooMuch {
     Sites(usize),
+    SitesOfAPrim,
     Steps,
     Clips,
 }
@@ -31,6 +34,9 @@ impl std::fmt::Display for TooMuch {
         match self {
             TooMuch::Sites(most) => {
                 write!(f, "its references multiply to more than {most} parts of few bytes: it is not composed")
+            }
+            TooMuch::SitesOfAPrim => {
+                write!(f, "the references of a prim multiply to more than {MOST_SITES_OF_A_PRIM}: it is not composed")
             }
             TooMuch::Steps => write!(f, "its prims refer to each other more than {MOST_STEPS} times in a row"),
             TooMuch::Clips => write!(f, "its value clips are more than {MOST_CLIPS} files"),
@@ -53,6 +59,7 @@ pub struct SiteCount<L> {
     root: String,
     most: usize,
     left: usize,
+    left_of_prim: usize,
 }
 
 /// The arcs of a layer.
@@ -178,6 +185,7 @@ impl<L: Layers> SiteCount<L> {
             layers,
             most,
             left: most,
+            left_of_prim: 0,
         }
     }
 
@@ -189,6 +197,7 @@ impl<L: Layers> SiteCount<L> {
         if let Some(above) = prim.parent() {
             self.count(&above)?;
         }
+        self.left_of_prim = MOST_SITES_OF_A_PRIM;
         let stack = self.stack(&self.root.clone(), &HashMap::new())?;
         self.site(stack, prim.clone(), &mut Vec::new())
     }
@@ -196,6 +205,7 @@ impl<L: Layers> SiteCount<L> {
     /// A site, and all to which arcs lead from it. `way`: the sites that lead to it.
     fn site(&mut self, stack: Rc<Stack>, path: Path, way: &mut Vec<Site>) -> Result<(), TooMuch> {
         self.left = self.left.checked_sub(1).ok_or(TooMuch::Sites(self.most))?;
+        self.left_of_prim = self.left_of_prim.checked_sub(1).ok_or(TooMuch::SitesOfAPrim)?;
         // A circle is not composed further.
         if way.iter().any(|(other, at)| Rc::ptr_eq(other, &stack) && *at == path) {
             return Ok(());
@@ -335,8 +345,14 @@ mod tests {
                     prims += &format!("def \"{name}{n}\" ({arc} = [</a{before}>, </b{before}>]) {{}}\n");
                 }
             }
-            let Err(TooMuch::Sites(FEW_SITES)) = sites(&prims, "/a29") else { panic!("{arc}: it is counted") };
+            let Err(TooMuch::SitesOfAPrim) = sites(&prims, "/a29") else { panic!("{arc}: it is counted") };
         }
+        // Many prims of some sites each.
+        let many = format!("def \"a0\" {{}}\n{}", "def \"b\" (references = </a0>) {}\n");
+        let mut count = SiteCount::new(Text(format!("#usda 1.0\n{many}")), "root", 0);
+        let all = (0..FEW_SITES).map(|n| count.count(&openusd::sdf::path(&format!("/b/c{n}")).expect("a path")));
+        let what = all.filter_map(Result::err).next().expect("it is counted").to_string();
+        assert!(what.contains("its references multiply to more than 50000 parts of few bytes: it is not composed"));
         let chain: String = (1..400).map(|n| format!("def \"a{n}\" (references = </a{}>) {{}}\n", n - 1)).collect();
         let what = sites(&chain, "/a399").expect_err("it is too long").to_string();
         assert!(what.contains("its prims refer to each other more than 200 times in a row"));
