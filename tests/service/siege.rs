@@ -42,6 +42,7 @@ const LARGE: usize = 30 << 20;
 /// The files that were found to take all memory or time: this many primitives.
 const PRIMITIVES: usize = 100_000;
 const SILENT: usize = 1100;
+const NO_ANSWER: &str = "no answer";
 
 /// A server that is attacked.
 struct Besieged {
@@ -145,7 +146,7 @@ async fn attack(
     outcome: Arc<Mutex<BTreeMap<String, u64>>>,
 ) {
     let count = |what: String| *outcome.lock().unwrap().entry(what).or_default() += 1;
-    let named = |code: Option<Code>| code.map_or("no answer".to_owned(), |code| format!("{code:?}"));
+    let named = |code: Option<Code>| code.map_or(NO_ANSWER.to_owned(), |code| format!("{code:?}"));
     let mut channel = besieged.channel().await;
     let mut mallory = besieged.connect("mallory").await;
     while !is_over.load(Ordering::Relaxed) {
@@ -239,6 +240,9 @@ async fn client(besieged: Arc<Besieged>, number: i64, is_over: Arc<AtomicBool>, 
 #[ignore = "takes minutes, and the machine for itself"]
 async fn clients_bake_on_while_others_attack() {
     let seconds = std::env::var("SIEGE_SECONDS").map_or(SECONDS, |seconds| seconds.parse().unwrap());
+    // What others do on the machine makes everything slower.
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let load = load.split(' ').next().unwrap_or_default().to_owned();
     let files = ["cone-small.glb", "stick.glb"].map(content);
     let mut rows = Vec::new();
     let probe = Besieged::start();
@@ -285,14 +289,18 @@ async fn clients_bake_on_while_others_attack() {
         row.outcome = outcome.lock().unwrap().clone();
     }
     let met = std::mem::take(&mut *met.lock().unwrap());
-    let page = page(&rows, &met, peak, seconds);
+    let page = page(&rows, &met, [peak, seconds], &load);
     println!("{page}");
     if std::env::var_os("UPDATE_PAGE").is_some() {
         std::fs::write(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/studies/siege.md"), page).unwrap();
     }
     assert!(besieged.folder.path().is_dir() && met.errors.is_empty(), "{:?}", met.errors);
     for row in rows.iter().filter(|row| !row.answers.is_empty()) {
-        let right = |code: &String| row.answers.iter().any(|answer| format!("{answer:?}") == **code);
+        // Whoever shows no token may be closed at any time.
+        let is_stranger = matches!(row.attack, Attack::Raw(_, None));
+        let right = |what: &String| {
+            is_stranger && what == NO_ANSWER || row.answers.iter().any(|answer| format!("{answer:?}") == **what)
+        };
         assert!(row.outcome.keys().all(right), "{}: {:?}", row.name, row.outcome);
     }
     assert!(p99(&met) < SOON, "99 of 100 bakes were accepted within {:?}", p99(&met));
@@ -304,7 +312,7 @@ fn p99(met: &Met) -> Duration {
     accepted.get(accepted.len() * 99 / 100).copied().unwrap_or(Duration::MAX)
 }
 
-fn page(rows: &[Row], met: &Met, peak: u64, seconds: u64) -> String {
+fn page(rows: &[Row], met: &Met, [peak, seconds]: [u64; 2], load: &str) -> String {
     let mut page = [
         "# The siege",
         "",
@@ -324,13 +332,11 @@ fn page(rows: &[Row], met: &Met, peak: u64, seconds: u64) -> String {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (accepted, p99, bakes, errors) = (met.accepted.len(), p99(met).as_millis(), met.bakes, met.errors.len());
     let lines = [
+        format!("All at once for {seconds} s on {cores} cores, clients and attackers beside the server, and a load of"),
         format!(
-            "All at once for {seconds} s on {cores} cores, clients and attackers beside the server: {accepted} bakes"
+            "{load} before: {accepted} bakes of the clients were accepted, 99 of 100 within {p99} ms; {bakes} finished,"
         ),
-        format!(
-            "bakes of the clients were accepted, 99 of 100 within {p99} ms; {bakes} finished, and {errors} failed. The"
-        ),
-        format!("server and all of its processes took {peak} MiB at most."),
+        format!("and {errors} failed. The server and all of its processes took {peak} MiB at most."),
     ];
     let _ = writeln!(page, "\n{}", lines.join("\n"));
     page

@@ -21,7 +21,7 @@ use tokio_util::sync::WaitForCancellationFutureOwned;
 #[cfg(unix)]
 use tonic::transport::server::UdsConnectInfo;
 use tonic::transport::server::{Connected, TcpConnectInfo, TlsConnectInfo};
-use tracing::{debug, warn};
+use tracing::warn;
 
 /// Accepted connections that wait to be served.
 const WAITING: usize = 16;
