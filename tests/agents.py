@@ -14,7 +14,7 @@ from mcp import ClientSession, StdioServerParameters
 from mcp.client.stdio import stdio_client
 
 program, assets = sys.argv[1:]
-assets = pathlib.Path(assets)
+assets = pathlib.Path(assets).resolve()
 TOOLS = {"check", "plan", "bake", "render", "rank", "analyse", "pack"}
 scene = {
     "control": [str(assets / "cone-small.glb")],

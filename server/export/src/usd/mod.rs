@@ -173,8 +173,8 @@ fn encode(encoding: Encoding, bake: &BakedPile, scene: &ExportScene, layout: Lay
 fn describe(layer: &mut Layer, pile: &Path, bounds: &BoundingBox, scene: &ExportScene) {
     /// The order of the boxes.
     const PURPOSES: [Option<&str>; 4] = [None, Some("render"), Some("proxy"), Some("guide")];
-    /// A purpose that nothing has.
-    const NOTHING: [f32; 2] = [f32::MAX, f32::MIN];
+    /// The box of a purpose that nothing has: low above high. Larger numbers are warned of by readers of text.
+    const NOTHING: [f32; 2] = [1e9, -1e9];
     if !bounds.is_empty() {
         layer.apply(pile, "GeomModelAPI");
         let before = PURPOSES.iter().position(|purpose| *purpose == layer.layout.purpose).unwrap_or(0);
