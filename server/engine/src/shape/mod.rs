@@ -311,6 +311,19 @@ impl Solid {
         }
     }
 
+    /// The same, `factor` times as large about the origin.
+    pub fn scaled(&self, factor: f64) -> Solid {
+        match self {
+            &Solid::Box(OrientedBox { center, rotation, half }) => {
+                Solid::Box(OrientedBox { center: center * factor, rotation, half: half * factor })
+            }
+            Solid::Ball { center, radius } => Solid::Ball { center: *center * factor, radius: radius * factor },
+            Solid::Convex(parts) => {
+                Solid::Convex(parts.iter().map(|part| part.iter().map(|&p| p * factor).collect()).collect())
+            }
+        }
+    }
+
     fn moved(self, by: DVec3) -> Solid {
         match self {
             Solid::Box(b) => Solid::Box(OrientedBox { center: b.center + by, ..b }),
