@@ -2,6 +2,7 @@
 
 use crate::output::files::{encode, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::BakedGlue;
+use cairn_engine::shape::Solid;
 use cairn_export::{ExportScene, Format, SourceModel};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
