@@ -1,7 +1,8 @@
 //! The guard watches for states that physics forbids: bodies faster than anything in the scene could make them, energy
 //! out of nothing, bodies that fell through the ground, bodies deep in each other. It takes such a step again in
-//! smaller ones; bodies that this does not help are set aside by name; and when too many are, the bake ends with an
-//! error. Each action is counted and reported.
+//! smaller ones; what energy nothing gave even so, in one step or little by little, it takes out of the motion; bodies
+//! that this does not help are set aside by name; and when too many are, the bake ends with an error. Each action is
+//! counted and reported.
 
 use cairn_engine::world::{BodyId, Energy, PUSH_OUT_SPEED, Role, Snapshot, Units, World};
 use cairn_input::error::Error;
@@ -64,6 +65,8 @@ const ENERGY_SHARE: f64 = 0.1;
 /// error of integration; and for each unit of mass, units of g d: bodies that overlap are pushed apart, and are lifted.
 const MOST_GAIN: f64 = 0.05;
 const MOST_LIFT: f64 = PUSH_OUT_SPEED * PUSH_OUT_SPEED;
+/// Kinetic energy for each unit of mass of bodies that are pushed apart: what moves no faster is parted or settles.
+const PARTED: f64 = PUSH_OUT_SPEED * PUSH_OUT_SPEED / 2.0;
 /// Pushed apart, bodies get as fast as by a fall from this many d.
 const PUSH_OUT_FALL: f64 = 1.0;
 /// A body is too fast beyond this many times the speed of a fall from the highest place (hard cases: 2); a body that
@@ -211,6 +214,10 @@ impl Guard {
     /// lost in between is friction's, and does not come back.
     fn take_what_nothing_gave(&mut self, world: &mut World, before: Energy) {
         let after = world.energy_of(&self.before);
+        if after.kinetic < PARTED * after.mass {
+            self.gain = 0.0;
+            return;
+        }
         self.gain = (self.gain + after.whole - before.whole).max(0.0);
         let excess = self.gain - MOST_GAIN * after.kinetic - MOST_LIFT * after.mass;
         if excess > 0.0 {

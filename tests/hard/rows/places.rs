@@ -154,6 +154,19 @@ const THICK: f64 = 0.008;
 /// How far apart the middles of links are that hang in each other.
 pub const TAUT: f64 = 2.0 * (ROUND - THICK);
 
+/// Links in a row from one that is kept, each so far from the one before, as a share of the taut distance; the last is
+/// kept, too, or swings down.
+pub fn in_a_row(share: f64, is_bridge: bool) -> Scene {
+    let pose = |k: usize| Pose {
+        translation: DVec3::new(share * TAUT * k as f64, 1.0, 0.0),
+        rotation: DQuat::from_rotation_x(if k.is_multiple_of(2) { 0.0 } else { FRAC_PI_2 }),
+    };
+    let mut scene = placed(prop("link", ring(ROUND, THICK), 0.5), (0..=LINKS).map(pose));
+    scene.bodies[0].pinned = true;
+    scene.bodies[LINKS].pinned = is_bridge;
+    scene
+}
+
 /// Each nearly touches the next one. The first is kept.
 fn link(k: usize) -> Pose {
     Pose {
