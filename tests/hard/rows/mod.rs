@@ -213,7 +213,7 @@ pub const ROWS: &[Row] = &[
     row(
         "turntable",
         "stacks of two blocks on a plate that turns, about its middle and about an axis aside: 12 rad on, they are \
-         where they began on it within 1 % of their radius r while w^2 r < 0.95 mu g, and slide off at 1.1",
+         where they began on it within 1 % of their radius r while w^2 r < 0.9 mu g, and slide off at 1.1",
         places::turntable,
         BOTH,
         ALL,

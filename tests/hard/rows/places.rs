@@ -86,8 +86,9 @@ const GETS_THERE: f64 = 1.5;
 const FRICTION: f64 = 0.5;
 /// Height of what it carries, m.
 const TOP: f64 = 0.2;
-/// Acceleration on the turntable, as a share of that of friction: all but the last stay.
-const SHARES: [f64; 4] = [0.3, 0.6, 0.95, 1.1];
+/// Acceleration toward the axis, as a share of that of friction: all but the last stay. While the turntable speeds up,
+/// blocks need a twentieth more than that.
+const SHARES: [f64; 4] = [0.3, 0.6, 0.9, 1.1];
 /// Where blocks must stay, as a share of their distance from the axis.
 const STAYS: f64 = 0.01;
 
