@@ -48,7 +48,7 @@ const FORCIBLE: [(&str, &[&str]); 12] = [
     ("stiff_contacts", &["steps_with_stiff_contacts"]),
     ("rolling_resistance", &["rolling_body_steps"]),
     ("restitution", &["bouncing_bodies"]),
-    ("guard", &["guard_steps", "guard_retries", "guard_stiffened", "guard_calmed"]),
+    ("guard", &["guard_steps", "guard_retries", "guard_braked", "guard_stiffened", "guard_calmed"]),
     ("impact", &["impact_looks", "shaken"]),
     ("breaking", &["break_checks", "holds_broken", "nails_broken"]),
     ("region", &["region_tests"]),

@@ -273,6 +273,8 @@ pub fn shop() -> Desk {
         boxes(&[([1.0; 3], [0.0, 0.5, 0.0], false), ([6.0, 0.15, 6.0], [9.0, 0.075, 0.0], false)]),
     );
     desk.write("crumb.glb", boxes(&[([0.02; 3], [0.0; 3], false)]));
+    desk.write("grain.glb", boxes(&[([4e-4; 3], [0.0; 3], false)]));
+    desk.write("pinch.glb", boxes(&[([2e-3; 3], [0.0, 1e-3, 0.0], false)]));
     desk.write("beam.glb", boxes(&[([0.1, 100.0, 0.1], [0.0; 3], false)]));
     desk.write("distant.glb", boxes(&[([1.0; 3], [500.0, 0.5, 0.0], false)]));
     desk.write("wide.glb", boxes(&[([9.0, 3.0, 9.0], [0.0, 1.5, 0.0], false)]));

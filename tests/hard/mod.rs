@@ -70,6 +70,7 @@ rows!(
     far,
     fast_scenery,
     conveyor,
+    turntable,
     chain,
     falls_once,
     balls,

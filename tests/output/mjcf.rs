@@ -2,6 +2,7 @@
 
 use crate::output::files::{encode, no_files, pile_of, textured_cube, tumbling};
 use cairn_core::report::BakedGlue;
+use cairn_engine::shape::Solid;
 use cairn_export::{ExportScene, Format, SourceModel};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
@@ -82,4 +83,55 @@ fn what_the_scene_keeps_and_scenery_stand_still() {
     // Z up: the lowest corner of the thin plate is where the slope begins, in the last frame.
     let lowest = corners.chunks(3).map(|corner| corner[2]).fold(f64::INFINITY, f64::min);
     assert!((lowest - 1.0).abs() < 0.05, "{lowest}");
+}
+
+/// A grain of 0.4 mm, and the same as a stone of 0.4 m.
+#[test]
+fn grains_that_mujoco_would_refuse_are_in_smaller_units() {
+    const GRAIN: f64 = 4e-4;
+    let cube = textured_cube();
+    let prop = SourceModel { name: "grain", file: "grain", bytes: &cube, node: None, resolve: &no_files, asset: None };
+    let mesh = TriMesh { points: vec![DVec3::ZERO, DVec3::X, DVec3::Z], triangles: vec![[0, 2, 1]] };
+    let model = Model { name: "floor".into(), mesh, is_skinned: false };
+    let model_of = |size: f64| {
+        let floor = model.mesh.scaled(size);
+        let colliders = [StaticModel { model: Model { mesh: floor, ..model.clone() }, friction: 0.5, keys: vec![] }];
+        let scene = ExportScene { props: vec![prop], colliders: &colliders, ..Default::default() };
+        let mut pile = pile_of(&[(0, 1.0)], tumbling(1, 2));
+        pile.frames.iter_mut().flatten().for_each(|pose| pose.translation *= size);
+        pile.world.diameter = size;
+        let corner =
+            |i: u32| DVec3::new(f64::from(i & 1), f64::from(i >> 1 & 1), f64::from(i >> 2)) - DVec3::splat(0.5);
+        let solid = &mut pile.solids[0];
+        solid.solid = Solid::Convex(vec![(0..8).map(|i| corner(i) * size).collect()]);
+        solid.mass = 1000.0 * size.powi(3);
+        solid.inertia.0 = DVec3::splat(solid.mass * size * size / 6.0);
+        let encoded = cairn_export::encode(Format::Mjcf, &pile, &scene).unwrap();
+        (String::from_utf8(encoded.bytes).unwrap(), encoded.left_out)
+    };
+    let numbers = |text: &str, kind: &str, key: &str| -> Vec<f64> {
+        let all = elements(text, kind).into_iter().filter_map(|mut element| element.remove(key));
+        all.flat_map(|list| list.split(' ').map(|number| number.parse().unwrap()).collect::<Vec<f64>>()).collect()
+    };
+    let ((grain, told), (stone, nothing)) = (model_of(GRAIN), model_of(1e3 * GRAIN));
+    let [told] = &told[..] else { panic!("{told:?}") };
+    assert!(told.starts_with("the MuJoCo model is in millimeters and grams"), "{told}");
+    assert!(nothing.is_empty() && elements(&stone, "numeric").is_empty(), "{nothing:?}");
+    assert_eq!(numbers(&grain, "numeric", "data"), [1e-3, 1e-3]);
+    // In its own units it is as large as the stone, a millionth as heavy, and falls a thousand times as fast.
+    let is_near = |kind: &str, key: &str, factor: f64| {
+        let (small, large) = (numbers(&grain, kind, key), numbers(&stone, kind, key));
+        assert!(!small.is_empty() && small.len() == large.len(), "{kind} {key}");
+        for (a, b) in small.iter().zip(large) {
+            assert!((a - factor * b).abs() <= 1e-6 * (factor * b).abs() + 1e-9 * factor, "{kind} {key}: {a} {b}");
+        }
+    };
+    for (kind, key) in [("mesh", "vertex"), ("body", "pos"), ("geom", "pos"), ("geom", "friction")] {
+        is_near(kind, key, 1.0);
+    }
+    is_near("inertial", "mass", 1e-6);
+    is_near("inertial", "fullinertia", 1e-6);
+    is_near("option", "gravity", 1e3);
+    let least = numbers(&grain, "inertial", "fullinertia").into_iter().take(3).fold(f64::INFINITY, f64::min);
+    assert!(least > 1e-13, "{least}");
 }

@@ -149,8 +149,10 @@ pub fn analyse(
     options: &AnalysisOptions,
     observer: &mut dyn Observer,
 ) -> Result<PileAnalysis, Error> {
-    let full = fill_container(scene, params, &mut NoCache, observer)?;
+    let mut full = fill_container(scene, params, &mut NoCache, observer)?;
+    full.shapes = full.shapes.iter().zip(&scene.props).map(|(shape, prop)| shape.bared(&prop.model.mesh)).collect();
     let mut sim = full.turn_over(scene, params)?;
+    sim.pile.world.judge_meshes(&full.shapes);
     cairn_analysis::run(&mut sim.pile.world, options, observer)
 }
 

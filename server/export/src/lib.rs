@@ -71,7 +71,7 @@ pub struct Encoded {
     /// Files that it names, by their paths from its folder. Results in one folder may share them: equal names have
     /// equal content.
     pub sidecars: BTreeMap<String, Vec<u8>>,
-    /// What this format leaves out besides [`Rehearsal::left_out`], one sentence each.
+    /// What this format leaves out besides [`Rehearsal::left_out`], or has otherwise than others, one sentence each.
     pub left_out: Vec<String>,
 }
 

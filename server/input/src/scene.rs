@@ -178,7 +178,7 @@ impl StaticModel {
     pub fn pose_at(&self, time: f64) -> Pose {
         let next = self.keys.partition_point(|k| k.time <= time);
         match (next.checked_sub(1).map(|i| &self.keys[i]), self.keys.get(next)) {
-            (Some(a), Some(b)) => a.pose.interpolate(&b.pose, (time - a.time) / (b.time - a.time)),
+            (Some(a), Some(b)) => a.pose.interpolate_arc(&b.pose, (time - a.time) / (b.time - a.time)),
             (Some(only), None) | (None, Some(only)) => only.pose,
             (None, None) => Pose::IDENTITY,
         }

@@ -1,7 +1,8 @@
 //! The guard watches for states that physics forbids: bodies faster than anything in the scene could make them, energy
 //! out of nothing, bodies that fell through the ground, bodies deep in each other. It takes such a step again in
-//! smaller ones; bodies that this does not help are set aside by name; and when too many are, the bake ends with an
-//! error. Each action is counted and reported.
+//! smaller ones; what energy nothing gave even so, in one step or little by little, it takes out of the motion; bodies
+//! that this does not help are set aside by name; and when too many are, the bake ends with an error. Each action is
+//! counted and reported.
 
 use cairn_engine::world::{BodyId, Energy, PUSH_OUT_SPEED, Role, Snapshot, Units, World};
 use cairn_input::error::Error;
@@ -18,6 +19,8 @@ pub struct Actions {
     pub steps: u64,
     /// Steps taken again in smaller ones.
     pub retries: u64,
+    /// Steps after which energy was taken out of the motion, since it came from nothing.
+    pub braked: u64,
     /// Bodies sank deep into each other.
     pub sinks: bool,
     /// Times that the contacts were stiffened for a while, because of that.
@@ -58,6 +61,12 @@ const MOST_RETRIES_IN_A_ROW: u32 = 4;
 const REST_STEPS: u64 = 40;
 /// Energy that may be gained in a step, as a share of the kinetic energy before it: an error of integration.
 const ENERGY_SHARE: f64 = 0.1;
+/// Energy that may be gained since it was least, however many steps that takes, as a share of the kinetic energy: an
+/// error of integration; and for each unit of mass, units of g d: bodies that overlap are pushed apart, and are lifted.
+const MOST_GAIN: f64 = 0.05;
+const MOST_LIFT: f64 = PUSH_OUT_SPEED * PUSH_OUT_SPEED;
+/// Kinetic energy for each unit of mass of bodies that are pushed apart: what moves no faster is parted or settles.
+const PARTED: f64 = PUSH_OUT_SPEED * PUSH_OUT_SPEED / 2.0;
 /// Pushed apart, bodies get as fast as by a fall from this many d.
 const PUSH_OUT_FALL: f64 = 1.0;
 /// A body is too fast beyond this many times the speed of a fall from the highest place (hard cases: 2); a body that
@@ -99,6 +108,8 @@ pub struct Guard {
     /// Retries in a row, and the step until which a gain of energy is accepted.
     in_a_row: u32,
     resting_until: u64,
+    /// Energy gained since it was least.
+    gain: f64,
     /// Pairs that were deep in each other at two looks in a row: placed so, or met with stiffer contacts already.
     deep: BTreeSet<(BodyId, Option<BodyId>)>,
     /// Those of the latest look.
@@ -127,6 +138,7 @@ impl Guard {
             known: 0,
             in_a_row: 0,
             resting_until: 0,
+            gain: 0.0,
             deep: BTreeSet::new(),
             latest: BTreeSet::new(),
             stiff_until: None,
@@ -146,9 +158,10 @@ impl Guard {
         let watched = !self.take_in_new(world) && world.nail_count() == 0 && !world.scenery_moves();
         let checks_energy = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
         world.snapshot(&mut self.before);
-        let energy = checks_energy.then(|| world.energy_of(&self.before));
+        let energy = watched.then(|| world.energy_of(&self.before));
         let mut lost = world.step();
-        if energy.is_some_and(|energy| self.gained(world, energy)) || !self.faults(world).is_empty() {
+        let has_gained = checks_energy && energy.is_some_and(|energy| self.gained(world, energy));
+        if has_gained || !self.faults(world).is_empty() {
             self.actions.retries += 1;
             self.in_a_row += 1;
             lost.extend(world.retry_step(&self.before, RETRY_PARTS));
@@ -157,6 +170,9 @@ impl Guard {
             }
         } else if checks_energy {
             self.in_a_row = 0;
+        }
+        if let Some(energy) = energy {
+            self.take_what_nothing_gave(world, energy);
         }
         let unstable = lost.iter().map(|&id| (id, AsideReason::NotFinite));
         let faults: Vec<(BodyId, AsideReason)> = unstable.chain(self.faults(world)).collect();
@@ -192,6 +208,22 @@ impl Guard {
     fn gained(&self, world: &World, before: Energy) -> bool {
         let after = world.energy_of(&self.before);
         after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT_SPEED * world.step_length() * before.mass
+    }
+
+    /// Takes the energy out of the motion that was gained without a cause, in this step or little by little. What is
+    /// lost in between is friction's, and does not come back.
+    fn take_what_nothing_gave(&mut self, world: &mut World, before: Energy) {
+        let after = world.energy_of(&self.before);
+        if after.kinetic < PARTED * after.mass {
+            self.gain = 0.0;
+            return;
+        }
+        self.gain = (self.gain + after.whole - before.whole).max(0.0);
+        let excess = self.gain - MOST_GAIN * after.kinetic - MOST_LIFT * after.mass;
+        if excess > 0.0 {
+            self.actions.braked += 1;
+            self.gain -= world.take_energy(&self.before, excess);
+        }
     }
 
     /// Bodies at impossible places or speeds.

@@ -211,6 +211,14 @@ pub const ROWS: &[Row] = &[
         ALL,
     ),
     row(
+        "turntable",
+        "stacks of two blocks on a plate that turns, about its middle and about an axis aside: 12 rad on, they are \
+         where they began on it within 1 % of their radius r while w^2 r < 0.9 mu g, and slide off at 1.1",
+        places::turntable,
+        BOTH,
+        ALL,
+    ),
+    row(
         "chain",
         "8 rings that hang in each other: no faster than 0.5 m/s, each stays below the one above as far as both \
          shapes are exact, rest",

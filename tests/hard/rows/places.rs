@@ -7,7 +7,7 @@ use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
 use cairn_input::params::{Accuracy, ControlMode, GlueMode, Params};
 use cairn_input::scene::{Keyframe, Model, Scene, StaticModel};
-use glam::{DQuat, DVec3};
+use glam::{DAffine3, DQuat, DVec3};
 use std::f64::consts::FRAC_PI_2;
 
 /// Scenery that moves along x at this speed from one time to another, m/s and s.
@@ -80,12 +80,93 @@ pub fn conveyor(engine: Engine, _: Extent) -> Outcome {
     }))
 }
 
+/// Of the turntable, rad/s, and how long it takes to get there.
+const TURNS: f64 = 2.0;
+const GETS_THERE: f64 = 1.5;
+const FRICTION: f64 = 0.5;
+/// Height of what it carries, m.
+const TOP: f64 = 0.2;
+/// Acceleration toward the axis, as a share of that of friction: all but the last stay. While the turntable speeds up,
+/// blocks need a twentieth more than that.
+const SHARES: [f64; 4] = [0.3, 0.6, 0.9, 1.1];
+/// Where blocks must stay, as a share of their distance from the axis.
+const STAYS: f64 = 0.01;
+
+/// Stacks of two blocks on a plate that turns about a vertical axis, at this distance from the plate's middle; and how
+/// far each is from the axis.
+fn on_turntable(aside: f64, seconds: f64) -> (Scene, Vec<f64>) {
+    let size = DVec3::new(0.06, 0.03, 0.06);
+    let axis = DVec3::X * aside;
+    let radii = SHARES.map(|share| share * FRICTION * 9.81 / (TURNS * TURNS));
+    let place = |k: usize| {
+        let turn = DQuat::from_rotation_y(FRAC_PI_2 * (k / 2) as f64);
+        let translation = axis + turn * DVec3::X * radii[k / 2] + DVec3::Y * (TOP + size.y * ((k % 2) as f64 + 0.5));
+        Pose { translation, rotation: turn }
+    };
+    let mut scene = placed(prop("block", block(size), FRICTION), (0..2 * SHARES.len()).map(place));
+    let reach = 2.0 * (aside + radii[SHARES.len() - 1]) + 1.0;
+    let plate = TriMesh::transformed(
+        &block(DVec3::new(reach, 0.1, reach)),
+        &DAffine3::from_translation(DVec3::Y * (TOP - 0.05)),
+    );
+    let turned =
+        |time: f64| TURNS * if time < GETS_THERE { time * time / (2.0 * GETS_THERE) } else { time - GETS_THERE / 2.0 };
+    let key = |frame: u32| {
+        let time = f64::from(frame) / FPS;
+        let rotation = DQuat::from_rotation_y(turned(time));
+        Keyframe { time, pose: Pose { translation: axis - rotation * axis, rotation } }
+    };
+    let keys = (0..=(seconds * FPS) as u32).map(key).collect();
+    scene.statics = vec![StaticModel { model: Model::new("turntable", plate), friction: FRICTION, keys }];
+    (scene, radii.to_vec())
+}
+
+/// Friction carries what rides on scenery that turns while w^2 r < mu g, wherever the axis is.
+pub fn turntable(engine: Engine, _: Extent) -> Outcome {
+    const SECONDS: f64 = 6.0;
+    all([0.0, 3.0].map(|aside| {
+        let (scene, radii) = on_turntable(aside, SECONDS);
+        let motion = run(engine, &scene, SECONDS);
+        let moved = |k: usize| {
+            let place = motion.place(motion.frames.len() - 1, k) - DVec3::X * aside;
+            (place.x.hypot(place.z) / radii[k / 2] - 1.0).abs()
+        };
+        let of = |share: usize| moved(2 * share).max(moved(2 * share + 1));
+        let slides = SHARES.len() - 1;
+        let most = (0..slides).map(of).fold(0.0, f64::max);
+        (
+            format!(
+                "axis {aside} m aside: up to {} of what friction holds they move by {:.2} % of their radius, at {} by \
+                 {:.0} %",
+                SHARES[slides - 1],
+                1e2 * most,
+                SHARES[slides],
+                1e2 * of(slides)
+            ),
+            most < STAYS && of(slides) > 10.0 * STAYS,
+        )
+    }))
+}
+
 /// Links of the chain; the radius of a link's middle line, and that of its tube.
 const LINKS: usize = 8;
 const ROUND: f64 = 0.05;
 const THICK: f64 = 0.008;
 /// How far apart the middles of links are that hang in each other.
 pub const TAUT: f64 = 2.0 * (ROUND - THICK);
+
+/// Links in a row from one that is kept, each so far from the one before, as a share of the taut distance; the last is
+/// kept, too, or swings down.
+pub fn in_a_row(share: f64, is_bridge: bool) -> Scene {
+    let pose = |k: usize| Pose {
+        translation: DVec3::new(share * TAUT * k as f64, 1.0, 0.0),
+        rotation: DQuat::from_rotation_x(if k.is_multiple_of(2) { 0.0 } else { FRAC_PI_2 }),
+    };
+    let mut scene = placed(prop("link", ring(ROUND, THICK), 0.5), (0..=LINKS).map(pose));
+    scene.bodies[0].pinned = true;
+    scene.bodies[LINKS].pinned = is_bridge;
+    scene
+}
 
 /// Each nearly touches the next one. The first is kept.
 fn link(k: usize) -> Pose {

@@ -36,6 +36,7 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::RemovedCutting, removed.cutting as u64),
         (Count::BodiesLost, sim.guard.actions.aside.len() as u64),
         (Count::GuardRetries, sim.guard.actions.retries),
+        (Count::GuardBraked, sim.guard.actions.braked),
         (Count::GuardCalmed, world.counters.calmed),
         (Count::GuardStiffened, sim.guard.actions.stiffened),
         (Count::ControlCycles, tally.cycles),

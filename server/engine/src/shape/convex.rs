@@ -19,7 +19,7 @@ use std::cell::OnceCell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// Most corners of a prop that is one hull. The masks of a [`Hull`] have bits for 128.
-const MOST_CORNERS: usize = 96;
+pub(super) const MOST_CORNERS: usize = 96;
 /// Most corners of one of several parts. They cost more, for each pair that is near.
 const MOST_PART_CORNERS: usize = 40;
 /// A hull of no more corners is not simplified: it is cheap, and what it lies on stays as it is.

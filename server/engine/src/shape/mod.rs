@@ -3,6 +3,7 @@
 //! A body's frame has its origin in the centre of mass and the prop's own axes; [`Shape::body_pose`] and
 //! [`Shape::prop_pose`] convert. Sizes are those of the prop at scale 1, in metres.
 
+mod bare;
 mod choose;
 mod convex;
 mod corners;
@@ -103,6 +104,9 @@ pub struct Shape {
     /// The same without the skin around its hulls, for other engines: what presses there lets bodies overlap by less
     /// than the skin.
     pub bare: Solid,
+    /// How far its solid stood out before the skin was taken off ([`Shape::bared`]), m; 0 where that was not done.
+    #[serde(default)]
+    pub skin: f64,
     pub report: ShapeFit,
     /// The hulls of a convex solid's parts, at a size of about 1: those of each scale are made from these.
     #[serde(skip)]
@@ -182,6 +186,7 @@ impl Shape {
             thin_axis: around.thin_axis(),
             solid,
             bare,
+            skin: 0.0,
             report,
             hulls: OnceLock::new(),
             skeleton: OnceLock::new(),
@@ -308,6 +313,19 @@ impl Solid {
             }
             Solid::Ball { center, radius } => vec![hull(sphere().map(|p| *center + p * *radius).collect())],
             Solid::Convex(parts) => parts.iter().map(|part| convex::hull_mesh(part)).collect(),
+        }
+    }
+
+    /// The same, `factor` times as large about the origin.
+    pub fn scaled(&self, factor: f64) -> Solid {
+        match self {
+            &Solid::Box(OrientedBox { center, rotation, half }) => {
+                Solid::Box(OrientedBox { center: center * factor, rotation, half: half * factor })
+            }
+            Solid::Ball { center, radius } => Solid::Ball { center: *center * factor, radius: radius * factor },
+            Solid::Convex(parts) => {
+                Solid::Convex(parts.iter().map(|part| part.iter().map(|&p| p * factor).collect()).collect())
+            }
         }
     }
 

@@ -43,6 +43,7 @@ impl World {
             face_area,
             friction: body.friction,
             resistance: Resistance::default(),
+            skin: 0.0,
             id,
             carrier: own,
             own,

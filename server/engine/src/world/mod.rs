@@ -18,7 +18,8 @@
 //!
 //! One step ([`World::step`]), in this order:
 //!
-//! 1. Continuous collision is set for each free body by its speed (`corrections::ccd`).
+//! 1. Continuous collision is set for each free body by its speed (`corrections::ccd`); what rides on scenery that
+//!    turns gets new contacts (`corrections::turning`).
 //! 2. The engine takes its step: contacts, solver, poses.
 //! 3. Bodies that became non-finite are removed.
 //! 4. Resistance to rolling, and that of contacts to slow motion, brake bodies by the forces of the step
@@ -57,7 +58,7 @@ mod units;
 mod validation;
 
 use cairn_input::params::{Physics, Switch};
-use corrections::{bobbing::Bobbing, creep::Creep, rolling::Rolling};
+use corrections::{bobbing::Bobbing, creep::Creep, rolling::Rolling, turning::Turning};
 use manifold::ContactLooks;
 use rapier3d::prelude::PhysicsWorld;
 use std::sync::Arc;
@@ -91,6 +92,11 @@ pub struct World {
     rolling: Rolling,
     creep: Creep,
     bobbing: Bobbing,
+    turning: Turning,
+    /// See [`World::judge_meshes`].
+    judges_meshes: bool,
+    /// Of all bodies.
+    most_skin: f64,
     /// Steps taken.
     pub steps: u64,
     pub counters: WorldCounters,
@@ -109,6 +115,7 @@ impl Clone for World {
             rolling: self.rolling.clone(),
             creep: self.creep.clone(),
             bobbing: self.bobbing.clone(),
+            turning: self.turning.clone(),
             looks: self.looks.clone(),
             ..*self
         }
@@ -131,6 +138,9 @@ impl World {
             rolling: Rolling::new(physics),
             creep: Creep::default(),
             bobbing: Bobbing::default(),
+            turning: Turning::default(),
+            judges_meshes: false,
+            most_skin: 0.0,
             steps: 0,
             counters: WorldCounters::default(),
         }

@@ -2,7 +2,7 @@
 //! outside.
 
 use super::colliders::{OUTSIDE, Owner};
-use super::{MovingId, World, units::from_engine, units::to_engine};
+use super::{MovingId, World, corrections::turning::TurningPiece, units::from_engine, units::to_engine};
 use crate::shape::Hull;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
@@ -38,6 +38,8 @@ pub(super) struct SceneryPath {
 /// through it: such a step is taken in smaller ones, but in at most so many.
 const FAST: f64 = 0.1;
 const MOST_PARTS: u32 = 32;
+/// Scenery turns if it does so faster than this, per characteristic time: less is the rounding of its poses.
+const TURNS: f64 = 1e-4;
 
 /// Scenery is seen from both sides; a container, and the core of a pile, from the side that its triangles face.
 const TWO_SIDED: TriMeshFlags =
@@ -199,10 +201,23 @@ impl World {
         moving.map(path).collect()
     }
 
+    /// The pieces that turn on these paths, in a step.
+    pub(super) fn turning_pieces(&self, paths: &[SceneryPath]) -> Vec<TurningPiece> {
+        let turning = |path: &SceneryPath| {
+            let turn = path.to.rotation * path.from.rotation.inverse();
+            // Twice the sine of half the angle: a step turns by little.
+            let velocity = 2.0 * turn.w.signum() * turn.xyz() / self.step_length();
+            let &MovingPiece { handle, collider, .. } = &self.moving[path.piece];
+            let angular_velocity = velocity.as_vec3();
+            (velocity.length() > TURNS).then_some(TurningPiece { body: handle, collider, angular_velocity })
+        };
+        paths.iter().filter_map(turning).collect()
+    }
+
     /// The next step takes the pieces to this share of their paths.
     pub(super) fn place_scenery_along(&mut self, paths: &[SceneryPath], share: f64) {
         for path in paths {
-            let pose = if share < 1.0 { path.from.interpolate(&path.to, share) } else { path.to };
+            let pose = if share < 1.0 { path.from.interpolate_arc(&path.to, share) } else { path.to };
             self.engine.bodies[self.moving[path.piece].handle].set_next_kinematic_position(to_engine(&pose));
         }
     }

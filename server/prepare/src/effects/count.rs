@@ -48,6 +48,7 @@ pub enum Count {
     GlueIterations,
     GlueLoads,
     GlueProofSteps,
+    GuardBraked,
     GuardCalmed,
     GuardRetries,
     GuardSteps,

@@ -148,7 +148,7 @@ pub(super) const ROWS: &[EffectDefinition] = &[
     row(
         Guard,
         By("effects.guard", |c| c.effects.guard),
-        &[GuardSteps, GuardRetries, GuardStiffened, GuardCalmed],
+        &[GuardSteps, GuardRetries, GuardBraked, GuardStiffened, GuardCalmed],
         |_| yes("every step is checked, in less than one percent of the time"),
     ),
     row(SameOnAllMachines, Never, &[], |_| yes("the engine's arithmetic is the same on every processor")),

@@ -83,6 +83,8 @@ pub struct WorldBody {
     pub face_area: f64,
     pub friction: f64,
     pub resistance: Resistance,
+    /// Thickness of the skin that was taken off its shape; 0 where none was.
+    pub(super) skin: f64,
     pub(super) id: BodyId,
     /// The rigid body that moves it: its own, or its cluster's.
     pub(super) carrier: RigidBodyHandle,

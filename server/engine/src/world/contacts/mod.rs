@@ -2,6 +2,7 @@
 //! gone between two bodies that it does not move.
 
 mod hits;
+mod meeting;
 mod pairs;
 mod reserved_places;
 
@@ -9,7 +10,8 @@ pub use hits::ComingHit;
 pub(super) use pairs::points;
 pub use reserved_places::ReservedPlaces;
 
-use super::{BodyId, World, colliders::Owner};
+use super::{BodyId, World, WorldBody, colliders::Owner};
+use crate::shape::Shape;
 use cairn_geometry::contact::{self, Bearing};
 use glam::DVec3;
 use rapier3d::parry::query::DefaultQueryDispatcher;
@@ -123,6 +125,24 @@ impl World {
     pub fn pair_wall(&self, pair: &ContactPair) -> f64 {
         let wall = self.bodies[pair.a].wall;
         if let PairSide::Body(b) = pair.b { wall.min(self.bodies[b].wall) } else { wall }
+    }
+
+    /// From now on, contacts are those of the bodies' meshes, for statics: `shapes` of the props are bare
+    /// ([`Shape::bared`]), what touched with its skin touches, and where edges meet, the normal is theirs.
+    pub fn judge_meshes(&mut self, shapes: &[Shape]) {
+        self.judges_meshes = true;
+        for id in self.present().collect::<Vec<_>>() {
+            let WorldBody { prop, scale, .. } = self.bodies[id];
+            let skin = shapes[prop].skin * scale / self.units.length;
+            self.bodies[id].skin = skin;
+            self.most_skin = self.most_skin.max(skin);
+        }
+    }
+
+    /// The skins of both of a pair that were taken off.
+    fn skins(&self, a: BodyId, b: PairSide) -> f64 {
+        let other = if let PairSide::Body(b) = b { self.bodies[b].skin } else { 0.0 };
+        self.bodies[a].skin + other
     }
 
     fn thinner(&self, a: BodyId, b: PairSide) -> f64 {

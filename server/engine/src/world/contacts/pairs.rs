@@ -1,5 +1,6 @@
 //! Contact pairs of all bodies.
 
+use super::meeting::{self, Piece};
 use super::{ContactPair, ContactPoint, PairSide};
 use crate::world::manifold::{Manifolds, REPORTED};
 use crate::world::settings::PREDICTION;
@@ -85,7 +86,7 @@ impl World {
     /// Other colliders that may be within `tolerance` times its thickness of body `a`, in order.
     pub(in crate::world) fn near(&self, a: BodyId, tolerance: f64) -> Vec<(PairSide, ColliderHandle)> {
         let collider = &self.engine.colliders[self.bodies[a].collider];
-        let reach = tolerance * self.bodies[a].thickness;
+        let reach = tolerance * self.bodies[a].thickness + 2.0 * self.most_skin;
         let aabb = collider.compute_aabb().loosened((reach + PREDICTION) as f32);
         let other = |collider: &Collider| self.side_of(collider).filter(|&side| side != PairSide::Body(a));
         let mut near: Vec<(PairSide, ColliderHandle)> =
@@ -104,8 +105,13 @@ impl World {
         tolerance: f64,
     ) -> Option<ContactPair> {
         let (first, second) = (&self.engine.colliders[self.bodies[a].collider], &self.engine.colliders[other]);
-        let limit = tolerance * self.thinner(a, b);
-        let points = points((first.position(), first.shape()), (second.position(), second.shape()), limit);
+        let thickness = self.thinner(a, b);
+        let limit = tolerance * thickness + self.skins(a, b);
+        let placed = ((first.position(), first.shape()), (second.position(), second.shape()));
+        let points = match self.judges_meshes {
+            true => points_of(placed.0, placed.1, limit, Some(thickness)),
+            false => points(placed.0, placed.1, limit),
+        };
         if points.is_empty() {
             return None;
         }
@@ -121,7 +127,13 @@ impl World {
 type Placed<'a> = (&'a Pose, &'a dyn Shape);
 
 /// The points at which two shapes are no farther apart than `limit`, engine units; normals into the first.
-pub(in crate::world) fn points((at1, first): Placed, (at2, second): Placed, limit: f64) -> Vec<ContactPoint> {
+pub(in crate::world) fn points(first: Placed, second: Placed, limit: f64) -> Vec<ContactPoint> {
+    points_of(first, second, limit, None)
+}
+
+/// The same. Where the two meet in a line or in a point, the normal is that of their edges or corners, if the
+/// `thickness` of the thinner body is given.
+fn points_of((at1, first): Placed, (at2, second): Placed, limit: f64, thickness: Option<f64>) -> Vec<ContactPoint> {
     let pos12 = at1.inv_mul(at2);
     let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
     let mut workspace: Option<ContactManifoldsWorkspace> = None;
@@ -136,7 +148,25 @@ pub(in crate::world) fn points((at1, first): Placed, (at2, second): Placed, limi
             Some(_) => (m.subshape_pos1().copied().unwrap_or_default(), m.subshape_pos2().copied().unwrap_or_default()),
             None => Default::default(),
         };
-        let normal = -(at1.rotation * (pos1.rotation * m.local_n1));
+        let mut normal = -(at1.rotation * (pos1.rotation * m.local_n1));
+        if let Some(thickness) = thickness {
+            let near = || m.points.iter().filter(|c| f64::from(c.dist) <= limit);
+            let pieces = (
+                Piece {
+                    shape: part(first, m.subshape1),
+                    at: *at1 * pos1,
+                    points: near().map(|c| c.local_p1.as_dvec3()).collect(),
+                },
+                Piece {
+                    shape: part(second, m.subshape2),
+                    at: *at2 * pos2,
+                    points: near().map(|c| c.local_p2.as_dvec3()).collect(),
+                },
+            );
+            if let Some(own) = meeting::normal(&pieces.0, &pieces.1, -normal.as_dvec3(), thickness) {
+                normal = -own.as_vec3();
+            }
+        }
         for c in &m.points {
             let gap = c.dist as f64;
             let p1 = at1.transform_point(pos1.transform_point(c.local_p1));
@@ -149,4 +179,12 @@ pub(in crate::world) fn points((at1, first): Placed, (at2, second): Placed, limi
         }
     }
     points
+}
+
+/// A convex part of a shape, by its number.
+fn part(shape: &dyn Shape, number: u32) -> &dyn Shape {
+    match shape.as_compound() {
+        Some(compound) => &*compound.shapes()[number as usize].1,
+        None => shape,
+    }
 }

@@ -1,5 +1,5 @@
-//! Additions to the engine's own step: continuous collision of fast bodies before it; resistance to rolling, no
-//! sleep for bodies that creep, and more substeps for piles that bob after it. Each knows the engine and the bodies,
+//! Additions to the engine's own step: continuous collision of fast bodies and new contacts of what turns before it;
+//! resistance to rolling, no sleep for bodies that creep, and more substeps for piles that bob after it. Each knows the engine and the bodies,
 //! and nothing of the world above.
 
 pub mod bobbing;
@@ -7,6 +7,7 @@ pub mod ccd;
 pub mod creep;
 pub mod resistance;
 pub mod rolling;
+pub mod turning;
 
 /// Counts of the steps and their corrections: bodies, summed over the steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

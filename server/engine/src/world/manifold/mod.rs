@@ -14,6 +14,8 @@ mod separation;
 #[cfg(test)]
 mod tests;
 
+pub(super) use polyhedron::{Polyhedron, Small, polyhedron};
+
 use crate::shape::Hull;
 use rapier3d::parry::query::details::{
     NonlinearRigidMotion, NormalConstraints, ShapeCastOptions, contact_manifolds_trimesh_shape_shapes,

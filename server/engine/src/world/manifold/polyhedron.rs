@@ -7,7 +7,7 @@ use rapier3d::prelude::*;
 
 /// See the module. In the frame of its shape; it is `scale` times as large as its corners and planes say.
 #[derive(Clone, Copy)]
-pub(super) struct Polyhedron<'a> {
+pub(in crate::world) struct Polyhedron<'a> {
     pub scale: f32,
     pub corners: &'a [Vector],
     pub lanes: &'a [CornerLanes],
@@ -53,7 +53,7 @@ impl Polyhedron<'_> {
 }
 
 /// Room for a box or a triangle as a polyhedron: eight corners and planes at most.
-pub(super) struct Small {
+pub(in crate::world) struct Small {
     corners: [Vector; LANES],
     count: usize,
     facets: usize,
@@ -124,7 +124,7 @@ impl Small {
 
 /// A shape as a polyhedron; `room`: for one that is a box or a triangle. `None`: it is none, or a triangle without
 /// area.
-pub(super) fn polyhedron<'a>(shape: &'a dyn Shape, room: &'a mut Option<Small>) -> Option<Polyhedron<'a>> {
+pub(in crate::world) fn polyhedron<'a>(shape: &'a dyn Shape, room: &'a mut Option<Small>) -> Option<Polyhedron<'a>> {
     if let Some(hull) = shape.as_shape::<Hull>() {
         return Some(Polyhedron {
             scale: hull.scale(),

@@ -15,6 +15,9 @@ impl World {
     pub fn step(&mut self) -> Vec<BodyId> {
         let paths = self.scenery_paths();
         let parts = self.scenery_parts(&paths);
+        let turning = self.turning_pieces(&paths);
+        let World { turning: correction, engine, bodies, moving, .. } = self;
+        correction.renew_contacts(turning, moving.iter().map(|piece| piece.collider), engine, bodies);
         if parts == 1 {
             return self.single_step();
         }
@@ -38,7 +41,9 @@ impl World {
 
     fn single_step(&mut self) -> Vec<BodyId> {
         ccd::enable_for_fast_bodies(self.ccd, &mut self.engine, &self.bodies, &mut self.counters);
+        let riders = self.turning.lead(&mut self.engine, &self.bodies);
         self.engine.step();
+        self.turning.put_back(&mut self.engine, &riders);
         self.steps += 1;
         self.counters.awake_body_steps += self.engine.islands.num_active_bodies() as u64;
         self.counters.pair_steps += self.engine.narrow_phase.contact_graph().raw_graph().raw_edges().len() as u64;

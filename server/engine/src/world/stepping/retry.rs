@@ -13,6 +13,8 @@ struct MovingBody {
     pose: Pose,
     linear: Vector,
     angular: Vector,
+    /// Kinetic and potential.
+    energy: f64,
 }
 
 /// Energy of a snapshot's bodies, measured now.
@@ -31,7 +33,7 @@ impl World {
         snapshot.0.clear();
         snapshot.0.extend(self.bodies.moving(&self.engine).map(|(id, rigid)| {
             let (linear, angular) = (rigid.linvel(), rigid.angvel());
-            MovingBody { id, pose: *rigid.position(), linear, angular }
+            MovingBody { id, pose: *rigid.position(), linear, angular, energy: self.energy(id).0 }
         }));
     }
 
@@ -39,13 +41,43 @@ impl World {
     pub fn energy_of(&self, snapshot: &Snapshot) -> Energy {
         let mut energy = Energy::default();
         for id in snapshot.0.iter().map(|body| body.id).filter(|&id| self.is_present(id)) {
-            let rigid = &self.engine.bodies[self.bodies[id].carrier];
-            let (kinetic, mass) = (f64::from(rigid.kinetic_energy()), self.bodies.carried(id).mass);
-            energy.whole += kinetic + mass * f64::from(rigid.translation().y);
+            let (whole, kinetic) = self.energy(id);
+            energy.whole += whole;
             energy.kinetic += kinetic;
-            energy.mass += mass;
+            energy.mass += self.bodies.carried(id).mass;
         }
         energy
+    }
+
+    /// Of the rigid body that carries a body: the whole, and the kinetic one.
+    fn energy(&self, id: BodyId) -> (f64, f64) {
+        let rigid = &self.engine.bodies[self.bodies[id].carrier];
+        let kinetic = f64::from(rigid.kinetic_energy());
+        (kinetic + self.bodies.carried(id).mass * f64::from(rigid.translation().y), kinetic)
+    }
+
+    /// Takes energy out of the motion of the bodies that have gained some since a snapshot, each by its share of what
+    /// they gained. Returns what was taken.
+    pub fn take_energy(&mut self, before: &Snapshot, energy: f64) -> f64 {
+        let of_now = |body: &MovingBody| {
+            let is_free = self.is_present(body.id) && self.bodies[body.id].role == Role::Free;
+            let (whole, kinetic) = if is_free { self.energy(body.id) } else { (body.energy, 0.0) };
+            (body.id, (whole - body.energy).max(0.0), kinetic)
+        };
+        let gains: Vec<(BodyId, f64, f64)> = before.0.iter().map(of_now).filter(|gain| gain.1 > 0.0).collect();
+        let all: f64 = gains.iter().map(|gain| gain.1).sum();
+        let mut taken = 0.0;
+        for (id, gain, kinetic) in gains {
+            let out = (energy * gain / all).min(kinetic);
+            // All of it is motion.
+            let factor = if kinetic > 0.0 { (1.0 - out / kinetic).max(0.0).sqrt() as f32 } else { 1.0 };
+            if let Some(rigid) = self.engine.bodies.get_mut(self.bodies[id].carrier).filter(|_| factor.is_finite()) {
+                rigid.set_linvel(rigid.linvel() * factor, false);
+                rigid.set_angvel(rigid.angvel() * factor, false);
+                taken += out;
+            }
+        }
+        taken
     }
 
     /// Puts the bodies back to where they were, and takes the same step in `parts` smaller ones. Returns the bodies

@@ -7,8 +7,13 @@
 //! formats. The ground is a plane. Scenery, where it is in the last frame, is `scenery.PIECE.PART`: MuJoCo knows only
 //! convex solids, so what is not convex is plates as thin as a twentieth of a prop.
 //!
+//! MuJoCo takes a moment of inertia or a volume below some limit for none, and refuses the model. Where a body is as
+//! small as a grain of sand, the model is in millimetres and grams, and says so (`units.rs`).
+//!
 //! MuJoCo softens contacts. They are as hard here as the time step bears, a hundredth of the characteristic time
 //! sqrt(d / g), where d is the diameter of the median prop.
+
+mod units;
 
 use super::convex_cover::{ConvexCover, CoverLimits};
 use super::physics::{MassModel, RigidGroup, SceneryCollider};
@@ -20,6 +25,7 @@ use glam::{DQuat, DVec3};
 use quick_xml::Writer;
 use std::collections::BTreeMap;
 use std::io::Result;
+use units::ModelUnits;
 
 /// Time step, characteristic times.
 const STEP: f64 = 0.01;
@@ -40,8 +46,13 @@ type Xml = Writer<Vec<u8>>;
 pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Encoded, ExportError> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 1);
     let names = body_names(bake, scene);
+    let mut colliders = SceneryCollider::all(bake, scene);
+    let units = ModelUnits::of(bake);
+    if units.are_small() {
+        colliders.iter_mut().for_each(|collider| collider.mesh = collider.mesh.scaled(units.per_si));
+    }
+    let bake = &*units.applied(bake);
     let masses = MassModel { bake, turn: upright() };
-    let colliders = SceneryCollider::all(bake, scene);
     let (low, high) = masses.bounds();
     let (reach, mut left_out, mut scenery) = (DVec3::splat(REACH * bake.world.diameter), 0, Vec::new());
     for SceneryCollider { piece, mesh, friction } in &colliders {
@@ -64,6 +75,9 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Enco
         xml.create_element("compiler")
             .with_attributes([("angle", "radian"), ("balanceinertia", "true")])
             .write_empty()?;
+        if units.are_small() {
+            custom(xml, units)?;
+        }
         settings(xml, &bake.world)?;
         xml.create_element("asset").write_inner_content(|xml| {
             for (&(prop, scale), number) in &meshes {
@@ -96,6 +110,9 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Enco
         Ok(())
     })?;
     let mut encoded = Encoded::single(xml.into_inner());
+    if units.are_small() {
+        encoded.left_out.push(units.sentence());
+    }
     if left_out > 0 {
         encoded.left_out.push(format!(
             "scenery: {left_out} of its {} triangles are not in the MuJoCo model: they are far from the pile, or there \
@@ -109,6 +126,18 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> std::result::Result<Enco
 /// From Cairn's axes to MuJoCo's.
 fn upright() -> DQuat {
     DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2)
+}
+
+/// The units of the model, for programs.
+fn custom(xml: &mut Xml, units: &ModelUnits) -> Result<()> {
+    let size = number(1.0 / units.per_si);
+    xml.create_element("custom").write_inner_content(|xml| {
+        for name in ["meters_per_unit", "kilograms_per_unit"] {
+            xml.create_element("numeric").with_attributes([("name", name), ("data", &size)]).write_empty()?;
+        }
+        Ok(())
+    })?;
+    Ok(())
 }
 
 fn settings(xml: &mut Xml, world: &BakedWorld) -> Result<()> {
