@@ -20,7 +20,6 @@ mod large;
 mod lists;
 mod load;
 mod page;
-mod promises;
 mod quotas;
 mod server;
 mod siege;
