@@ -88,7 +88,7 @@ enum Attack {
     Silent {
         with_preface: bool,
     },
-    Bomb(PlanBakeRequest),
+    Bomb(Box<PlanBakeRequest>),
 }
 
 struct Row {
@@ -124,16 +124,16 @@ async fn attacks(mallory: &mut Connection, bombs: &[Bomb], primitives: &Bomb) ->
     for bomb in bombs {
         let spec = bomb.upload(mallory).await;
         let name = format!("{}, {} KiB", bomb.name, bomb.bytes() >> 10);
-        let plan = Attack::Bomb(PlanBakeRequest { spec: Some(spec) });
+        let plan = Attack::Bomb(Box::new(PlanBakeRequest { spec: Some(spec) }));
         rows.push(row(name, bomb.bound, plan, &[Code::InvalidArgument, Code::ResourceExhausted]));
     }
-    let plan = PlanBakeRequest { spec: Some(primitives.upload(mallory).await) };
+    let plan = Box::new(PlanBakeRequest { spec: Some(primitives.upload(mallory).await) });
     let bound = "linear in triangles; 4 million of them; 120 s of a plan";
     rows.push(row(format!(".glb of {PRIMITIVES} primitives in one place"), bound, Attack::Bomb(plan), &[]));
     let mut plan = short(1);
     plan.scene.as_mut().unwrap().props[0].scale_min = Some(1e-30);
     plan.scene.as_mut().unwrap().props[0].scale_max = Some(1e-30);
-    let plan = Attack::Bomb(PlanBakeRequest { spec: Some(plan) });
+    let plan = Attack::Bomb(Box::new(PlanBakeRequest { spec: Some(plan) }));
     rows.push(row("a scale of 1e-30".into(), "sums that saturate", plan, &[]));
     rows
 }
@@ -180,7 +180,7 @@ async fn attack(
                 tokio::time::sleep(Duration::from_secs(2)).await;
             }
             Attack::Bomb(plan) => {
-                let answer = mallory.service.plan_bake(plan.clone()).await;
+                let answer = mallory.service.plan_bake((**plan).clone()).await;
                 count(named(Some(answer.err().map_or(Code::Ok, |status| status.code()))));
             }
         }

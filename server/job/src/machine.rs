@@ -67,11 +67,14 @@ pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
 }
 
 /// The limit of the memory of this process and of each that it starts, bytes (`ulimit -v`).
+#[cfg(unix)]
 pub fn memory_limit() -> Option<u64> {
-    #[cfg(unix)]
-    return rlimit::Resource::AS.get().ok().map(|(soft, _)| soft).filter(|bytes| *bytes != rlimit::INFINITY);
-    #[cfg(not(unix))]
-    return None;
+    rlimit::Resource::AS.get().ok().map(|(soft, _)| soft).filter(|bytes| *bytes != rlimit::INFINITY)
+}
+
+#[cfg(not(unix))]
+pub fn memory_limit() -> Option<u64> {
+    None
 }
 
 #[cfg(not(unix))]
@@ -80,11 +83,14 @@ pub fn limit_memory(_bytes: u64) -> std::io::Result<()> {
 }
 
 /// File handles that this process may have, after it has asked for so many; `None`: the system sets no limit.
+#[cfg(unix)]
 pub fn file_handles(wanted: u64) -> Option<u64> {
-    #[cfg(unix)]
-    return rlimit::increase_nofile_limit(wanted).ok();
-    #[cfg(not(unix))]
-    return Some(wanted).filter(|_| false);
+    rlimit::increase_nofile_limit(wanted).ok()
+}
+
+#[cfg(not(unix))]
+pub fn file_handles(_wanted: u64) -> Option<u64> {
+    None
 }
 
 /// The machine's memory, bytes, or what its control groups leave this process and all that it starts.
