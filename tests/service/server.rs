@@ -35,23 +35,35 @@ enum Folder {
 impl Server {
     /// `cairn serve` on a free port, with these arguments.
     pub fn start(args: &[&str]) -> Server {
-        Server::launch(Folder::Own(tempfile::tempdir().unwrap()), args, "")
+        Server::launch(Folder::Own(tempfile::tempdir().unwrap()), args, "", "")
     }
 
     /// Another server on the data of an ended one.
     pub fn start_in(folder: &Path, args: &[&str]) -> Server {
-        Server::launch(Folder::Other(folder.to_owned()), args, "")
+        Server::launch(Folder::Other(folder.to_owned()), args, "", "")
+    }
+
+    /// A server that a shell starts after this command, such as `ulimit -v 1000000`.
+    pub fn start_by_shell(folder: &Path, shell: &str, args: &[&str]) -> Server {
+        Server::launch(Folder::Other(folder.to_owned()), args, "", shell)
     }
 
     /// A server with these faults: see `server/files/src/failpoints.rs`.
     pub fn start_with_faults(folder: &Path, args: &[&str], faults: &str) -> Server {
-        Server::launch(Folder::Other(folder.to_owned()), args, faults)
+        Server::launch(Folder::Other(folder.to_owned()), args, faults, "")
     }
 
-    fn launch(folder: Folder, args: &[&str], faults: &str) -> Server {
+    fn launch(folder: Folder, args: &[&str], faults: &str, shell: &str) -> Server {
         let mut server = Server { process: Command::new("true").spawn().unwrap(), addresses: Vec::new(), folder };
         server.process.wait().unwrap();
         let mut command = command(server.folder());
+        if !shell.is_empty() {
+            let plain = command;
+            command = Command::new("sh");
+            command.arg("-c").arg(format!("{shell} && exec \"$@\"")).arg("sh");
+            command.arg(plain.get_program()).args(plain.get_args());
+            command.stdin(Stdio::null()).current_dir(server.folder()).env_remove("CAIRN_TOKEN");
+        }
         command.env("FAILPOINTS", faults).args(["--listen", "127.0.0.1:0"]).args(args).stdout(Stdio::piped());
         command.stderr(std::fs::File::options().append(true).create(true).open(server.path("log")).unwrap());
         server.process = command.spawn().unwrap();
@@ -104,6 +116,10 @@ impl Server {
     /// Asks the server to end.
     pub fn signal(&self, signal: &str) {
         assert!(Command::new("kill").args([signal, &self.process.id().to_string()]).status().unwrap().success());
+    }
+
+    pub fn id(&self) -> u32 {
+        self.process.id()
     }
 
     /// Whether its process runs.

@@ -53,6 +53,11 @@ impl GlbOutput {
         }
     }
 
+    /// A copy of an entry.
+    pub fn entry(&self, kind: &str, index: usize) -> Value {
+        self.arrays.get(kind).and_then(|array| array.get(index)).cloned().unwrap_or_default()
+    }
+
     /// Lists an extension among those that the file uses.
     pub fn uses(&mut self, extension: &str) {
         self.used.insert(extension.into());

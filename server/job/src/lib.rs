@@ -93,19 +93,21 @@ impl Job {
         let (bodies, frames) = (plan.expected_bodies as u64, plan.most_frames as u64);
         let size = format.size();
         let models = if format.holds_models() { self.model_bytes as u64 } else { 0 };
-        let mut bytes = size.file + models + bodies * (size.body + frames * size.pose);
+        let body = frames.saturating_mul(size.pose).saturating_add(size.body);
+        let mut bytes = bodies.saturating_mul(body).saturating_add(size.file + models);
         let holds_colliders = matches!(format, Format::GlbPhysics | Format::GlbHulls);
         if format == Format::Pack {
             let triangles = self.scene.props.iter().map(|prop| prop.model.mesh.triangles.len() as u64).max();
-            bytes += PACKED_MODELS * self.model_bytes as u64 + bodies * triangles.unwrap_or(0) * PACKED_TRIANGLE;
+            let packed = bodies.saturating_mul(triangles.unwrap_or(0)).saturating_mul(PACKED_TRIANGLE);
+            bytes = bytes.saturating_add(packed).saturating_add(PACKED_MODELS * self.model_bytes as u64);
         }
         let has_physics = format.is_usd() && self.layout.has_physics;
         if has_physics {
-            bytes += bodies * PHYSICS_BODY;
+            bytes = bytes.saturating_add(bodies.saturating_mul(PHYSICS_BODY));
         }
         if has_physics || holds_colliders {
             let triangles = self.scene.statics.iter().map(|model| model.model.mesh.triangles.len() as u64).sum::<u64>();
-            bytes += triangles * COLLIDER_TRIANGLE;
+            bytes = bytes.saturating_add(triangles.saturating_mul(COLLIDER_TRIANGLE));
         }
         bytes
     }

@@ -50,10 +50,7 @@ impl Meter {
 
 /// Peak resident memory of this process, bytes; `None` if the system does not report it.
 pub fn peak_memory() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-    Some(kib * 1024)
+    of_status(&std::fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
 
 /// Sets the number of threads, this one included; 0: one per processor, or as `RAYON_NUM_THREADS` says. Call it once,
@@ -62,15 +59,84 @@ pub fn use_threads(count: usize) -> Result<(), rayon::ThreadPoolBuildError> {
     rayon::ThreadPoolBuilder::new().num_threads(count).use_current_thread().build_global()
 }
 
-/// Limits the memory of this process, bytes, if the system can.
+/// Limits the memory of this process, bytes, if the system can. A lower limit that it has already stays.
 #[cfg(unix)]
 pub fn limit_memory(bytes: u64) -> std::io::Result<()> {
+    let bytes = memory_limit().map_or(bytes, |limit| limit.min(bytes));
     rlimit::setrlimit(rlimit::Resource::AS, bytes, bytes)
+}
+
+/// The limit of the memory of this process and of each that it starts, bytes (`ulimit -v`).
+#[cfg(unix)]
+pub fn memory_limit() -> Option<u64> {
+    rlimit::Resource::AS.get().ok().map(|(soft, _)| soft).filter(|bytes| *bytes != rlimit::INFINITY)
+}
+
+#[cfg(not(unix))]
+pub fn memory_limit() -> Option<u64> {
+    None
 }
 
 #[cfg(not(unix))]
 pub fn limit_memory(_bytes: u64) -> std::io::Result<()> {
     Ok(())
+}
+
+/// File handles that this process may have, after it has asked for so many; `None`: the system sets no limit.
+#[cfg(unix)]
+pub fn file_handles(wanted: u64) -> Option<u64> {
+    rlimit::increase_nofile_limit(wanted).ok()
+}
+
+#[cfg(not(unix))]
+pub fn file_handles(_wanted: u64) -> Option<u64> {
+    None
+}
+
+/// The machine's memory, bytes, or what its control groups leave this process and all that it starts.
+pub fn memory() -> u64 {
+    let mut system = System::new();
+    system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
+    control_group_memory().map_or(system.total_memory(), |limit| limit.min(system.total_memory()))
+}
+
+/// The least memory that a control group of this process may have, bytes: of its own one, and of those above it.
+fn control_group_memory() -> Option<u64> {
+    let groups = std::fs::read_to_string("/proc/self/cgroup").ok()?;
+    let limits = groups.lines().flat_map(|line| {
+        let mut parts = line.splitn(3, ':').skip(1);
+        let (kinds, path) = (parts.next().unwrap_or_default(), parts.next().unwrap_or_default());
+        let (root, file) = match kinds {
+            "" => ("/sys/fs/cgroup", "memory.max"),
+            kinds if kinds.split(',').any(|kind| kind == "memory") => {
+                ("/sys/fs/cgroup/memory", "memory.limit_in_bytes")
+            }
+            _ => return Vec::new(),
+        };
+        // In a container, the path may be that of the host: the root is its own group then.
+        let group = Path::new(path.trim_start_matches('/'));
+        group.ancestors().map(|group| Path::new(root).join(group).join(file)).collect()
+    });
+    limits.filter_map(|file| std::fs::read_to_string(file).ok()?.trim().parse().ok()).min()
+}
+
+/// Resident memory of a process, bytes; 0 if it has ended, or the system does not report it.
+pub fn memory_of(process: u32) -> u64 {
+    if cfg!(target_os = "linux") {
+        let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
+        return of_status(&status, "VmRSS:").unwrap_or(0);
+    }
+    let (mut system, process) = (System::new(), sysinfo::Pid::from_u32(process));
+    let what = sysinfo::ProcessRefreshKind::nothing().with_memory();
+    system.refresh_processes_specifics(sysinfo::ProcessesToUpdate::Some(&[process]), true, what);
+    system.process(process).map_or(0, sysinfo::Process::memory)
+}
+
+/// A figure of a process's status in `/proc`, bytes.
+fn of_status(status: &str, name: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    Some(kib * 1024)
 }
 
 /// Available memory, bytes.

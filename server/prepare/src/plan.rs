@@ -53,7 +53,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
     Plan {
         most_frames: most_frames(steps * params.physics.step.seconds(checked.characteristic_time(params)), params),
         expected_bodies: fill_bodies + scene.added_bodies(),
-        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS) + steps as usize,
+        expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS).saturating_add(steps as usize),
         prop_diameter: checked.diameter,
         characteristic_time: checked.characteristic_time(params),
         stages: stages.into_iter().flatten().collect(),
@@ -69,7 +69,8 @@ fn most_frames(seconds: f64, params: &Params) -> usize {
     let entrance = &params.entrance;
     let is_shown = entrance.kind != EntranceKind::None;
     let seconds = seconds + if is_shown { entrance.start + entrance.duration } else { 0.0 };
-    1 + params.output.frames.map_or((LATE * seconds * params.output.fps).ceil() as usize, |frames| frames as usize)
+    let most = (LATE * seconds * params.output.fps).ceil() as usize;
+    params.output.frames.map_or(most, |frames| frames as usize).saturating_add(1)
 }
 
 /// Share of the bodies that is missing for each unit of `fill.full_below` beyond that of the fills that the packing was

@@ -1,5 +1,6 @@
 //! Authentication of callers by token or certificate. Every call passes here before anything else is done for it.
 
+use crate::accepting::{Peer, PeerInfo};
 use crate::audit;
 use crate::config::{self, Config};
 use crate::metrics::METRICS;
@@ -10,7 +11,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::watch;
-use tonic::transport::server::{TcpConnectInfo, TlsConnectInfo};
 use tonic::{Request, Status};
 use tracing::warn;
 use x509_cert::Certificate;
@@ -269,6 +269,9 @@ pub fn check(mut request: Request<()>, access: &watch::Receiver<Access>) -> Resu
     match access.borrow().admit(&request) {
         Some(caller) => {
             audit::caller(request.extensions(), &caller.name, caller.project());
+            if let Some(peer) = request.extensions().get::<Peer>() {
+                peer.connection.know(&caller.name);
+            }
             request.extensions_mut().insert(caller);
         }
         None => {
@@ -289,22 +292,22 @@ pub fn caller<T>(request: &Request<T>) -> Caller {
 
 /// The common name of the caller's certificate. The TLS handshake has checked its signature.
 fn subject<T>(request: &Request<T>) -> Option<String> {
-    let certificates = request.extensions().get::<TlsConnectInfo<TcpConnectInfo>>()?.peer_certs()?;
+    let PeerInfo::Tls(encrypted) = &request.extensions().get::<Peer>()?.info else { return None };
+    let certificates = encrypted.peer_certs()?;
     let certificate = Certificate::from_der(certificates.first()?).ok()?;
     certificate.tbs_certificate().subject().common_name().ok()?.map(|name| name.value().into_owned())
 }
 
 /// The address or the user that a call comes from.
 fn origin<T>(request: &Request<T>) -> String {
-    let extensions = request.extensions();
-    let plain = extensions.get::<TcpConnectInfo>().and_then(TcpConnectInfo::remote_addr);
-    let encrypted = extensions.get::<TlsConnectInfo<TcpConnectInfo>>();
-    if let Some(address) = plain.or_else(|| encrypted?.get_ref().remote_addr()) {
-        return address.ip().to_string();
-    }
-    #[cfg(unix)]
-    if let Some(user) = extensions.get::<tonic::transport::server::UdsConnectInfo>().and_then(|peer| peer.peer_cred) {
-        return format!("user {}", user.uid());
-    }
-    "unknown".into()
+    let address = match request.extensions().get::<Peer>().map(|peer| &peer.info) {
+        Some(PeerInfo::Tcp(plain)) => plain.remote_addr(),
+        Some(PeerInfo::Tls(encrypted)) => encrypted.get_ref().remote_addr(),
+        #[cfg(unix)]
+        Some(PeerInfo::Unix(peer)) => {
+            return peer.peer_cred.map_or("unknown".into(), |user| format!("user {}", user.uid()));
+        }
+        None => None,
+    };
+    address.map_or("unknown".into(), |address| address.ip().to_string())
 }

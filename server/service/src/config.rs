@@ -34,6 +34,9 @@ pub struct Config {
     pub threads: usize,
     /// Memory of one bake, MiB; 0: not limited. Default: 8192.
     pub bake_memory_mib: u64,
+    /// Memory of all bakes and plans together, MiB; the largest one ends where they take more. Default: 0, four fifths
+    /// of the machine's, or of what its control group leaves.
+    pub memory_mib: u64,
     /// Time of one bake, s; 0: not limited. Default: 86400, a day.
     pub bake_seconds: u64,
     /// Size of one asset, MiB. Default: 256.
@@ -103,6 +106,7 @@ impl Default for Config {
             queue: 32,
             threads: 0,
             bake_memory_mib: 8192,
+            memory_mib: 0,
             bake_seconds: 86_400,
             asset_mib: 256,
             store_mib: 20_480,
@@ -155,6 +159,10 @@ impl Config {
 
     pub fn bake_memory(&self) -> Option<u64> {
         Some(self.bake_memory_mib << 20).filter(|&bytes| bytes > 0)
+    }
+
+    pub fn memory(&self) -> Option<u64> {
+        Some(self.memory_mib << 20).filter(|&bytes| bytes > 0)
     }
 
     pub fn bake_time(&self) -> Option<Duration> {

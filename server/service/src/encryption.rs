@@ -1,6 +1,8 @@
 //! TLS: certificates and keys, checked before the server listens and reloaded on SIGHUP.
 
+use crate::accepting::{self, Guarded};
 use crate::config::{self, Config};
+use crate::connections::Connections;
 use cairn_files::problem::Problem;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
@@ -10,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{Semaphore, mpsc, watch};
+use tokio::sync::{Semaphore, watch};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
 use tokio_stream::wrappers::ReceiverStream;
@@ -124,38 +126,19 @@ fn warn_of_age(file: &str, chain: &[CertificateDer]) {
 pub fn incoming(
     listener: TcpListener,
     settings: watch::Receiver<Arc<ServerConfig>>,
-) -> ReceiverStream<std::io::Result<TlsStream<TcpStream>>> {
-    /// Accepted connections that wait to be served.
-    const WAITING: usize = 16;
-    let (sender, receiver) = mpsc::channel(WAITING);
+    connections: Arc<Connections>,
+) -> ReceiverStream<std::io::Result<Guarded<TlsStream<TcpStream>>>> {
     let handshakes = Arc::new(Semaphore::new(HANDSHAKES));
-    tokio::spawn(async move {
-        loop {
-            let permit = handshakes.clone().acquire_owned().await;
-            let accepted = tokio::select! {
-                accepted = listener.accept() => accepted,
-                () = sender.closed() => return,
-            };
-            let (stream, peer) = match accepted {
-                Ok(accepted) => accepted,
-                Err(error) => {
-                    // A broken connection, or no file handles left: the next one may succeed.
-                    warn!(%error, "a connection could not be accepted");
-                    tokio::time::sleep(Duration::from_millis(100)).await;
-                    continue;
-                }
-            };
-            let _ = stream.set_nodelay(true);
-            let (acceptor, sender) = (TlsAcceptor::from(settings.borrow().clone()), sender.clone());
-            tokio::spawn(async move {
-                let _permit = permit;
-                match tokio::time::timeout(HANDSHAKE, acceptor.accept(stream)).await {
-                    Ok(Ok(stream)) => drop(sender.send(Ok(stream)).await),
-                    Ok(Err(error)) => debug!(%peer, %error, "the TLS handshake failed"),
-                    Err(_) => debug!(%peer, "the TLS handshake timed out"),
-                }
-            });
+    accepting::incoming(listener, connections, move |stream: TcpStream| {
+        let (acceptor, handshakes) = (TlsAcceptor::from(settings.borrow().clone()), handshakes.clone());
+        async move {
+            let _permit = handshakes.acquire_owned().await;
+            match tokio::time::timeout(HANDSHAKE, acceptor.accept(stream)).await {
+                Ok(Ok(stream)) => return Some(stream),
+                Ok(Err(error)) => debug!(%error, "a TLS handshake failed"),
+                Err(_) => debug!("a TLS handshake timed out"),
+            }
+            None
         }
-    });
-    ReceiverStream::new(receiver)
+    })
 }

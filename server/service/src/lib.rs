@@ -10,6 +10,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 // The server's own process does not use `analysis` and `worker`: it decodes no model and runs no physics.
+mod accepting;
 mod access;
 mod accounts;
 pub mod analysis;
@@ -21,6 +22,7 @@ mod calls;
 pub mod client;
 pub mod codec;
 pub mod config;
+mod connections;
 mod deadline;
 mod encryption;
 mod event_log;
@@ -31,9 +33,11 @@ pub mod in_process;
 mod incoming;
 mod jobs;
 pub mod listen;
+mod memory;
 mod metrics;
 mod process;
 mod quotas;
+pub mod sandbox;
 mod scheduler;
 mod seal;
 pub mod secrets;

@@ -4,6 +4,7 @@
 use crate::config::Config;
 use crate::event_log::codec;
 use crate::folder::ResultKind;
+use crate::memory::{MemoryBudget, Share};
 use crate::status::Fault;
 use crate::worker_message::{Envelope, WorkerMessage};
 use cairn_files::failpoints;
@@ -13,12 +14,19 @@ use prost::Message;
 use std::io::Result;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::AsyncReadExt;
 use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 use tokio::task::JoinHandle;
 use tokio_stream::StreamExt;
 use tokio_util::codec::{FramedRead, LengthDelimitedCodec};
+
+/// Variables that a worker needs, or that tests set.
+const KEPT: [&str; 8] =
+    ["FAILPOINTS", "PATH", "LD_LIBRARY_PATH", "RUST_BACKTRACE", "SystemRoot", "TEMP", "TMP", "TMPDIR"];
+/// What the standard library says at the memory limit, and what the program says of threads that it does not get there.
+const SAID_WITHOUT_MEMORY: [&str; 3] = ["memory allocation of", "no thread could be started", "failed to spawn thread"];
 
 /// The task of a worker.
 #[derive(Clone)]
@@ -39,6 +47,9 @@ pub struct Worker {
     messages: FramedRead<ChildStdout, LengthDelimitedCodec>,
     /// Its standard error.
     stderr: JoinHandle<String>,
+    /// Of the memory of all.
+    share: Share,
+    /// The limit of its own memory.
     memory_mib: u64,
     /// The worker ends when this is closed, and so when the server ends.
     _alive: Option<ChildStdin>,
@@ -47,12 +58,13 @@ pub struct Worker {
 impl Worker {
     pub fn start(
         config: &Config,
+        memory: &Arc<MemoryBudget>,
         task: WorkerTask,
         folder: &Path,
         cache: Option<PathBuf>,
         threads: usize,
     ) -> std::result::Result<Worker, Fault> {
-        Worker::spawn(config, &task, folder, cache, threads).map_err(|error| {
+        Worker::spawn(config, memory, &task, folder, cache, threads).map_err(|error| {
             tracing::error!(%error, "a worker process could not be started");
             Fault::BakeNotStarted(plain_reason(&error))
         })
@@ -60,6 +72,7 @@ impl Worker {
 
     fn spawn(
         config: &Config,
+        memory: &Arc<MemoryBudget>,
         task: &WorkerTask,
         folder: &Path,
         cache: Option<PathBuf>,
@@ -84,7 +97,7 @@ impl Worker {
             command.arg("--format").arg(kind.format.extension());
             command.args(kind.layout.iter().flat_map(|layout| ["--layout", layout]));
         }
-        if let Some(bytes) = config.bake_memory() {
+        if let Some(bytes) = memory.each {
             command.arg("--memory").arg(bytes.to_string());
         }
         if let Some(slowness) = machine::known_slowness() {
@@ -93,6 +106,8 @@ impl Worker {
         if let Some(cache) = cache {
             command.arg("--cache").arg(cache);
         }
+        // Nothing of the server's own: its token may be there.
+        command.env_clear().envs(KEPT.into_iter().filter_map(|name| Some((name, std::env::var_os(name)?))));
         command.env("RAYON_NUM_THREADS", threads.to_string());
         // The server handles Ctrl-C at the terminal.
         #[cfg(unix)]
@@ -115,13 +130,24 @@ impl Worker {
         });
         let alive = child.stdin.take();
         let messages = FramedRead::new(stdout, codec());
-        Ok(Worker { child, messages, stderr, memory_mib: config.bake_memory_mib, _alive: alive })
+        let is_plan = !matches!(task, WorkerTask::Bake);
+        let share = memory.join(child.id().unwrap_or_default(), is_plan);
+        let memory_mib = memory.each.unwrap_or_default() >> 20;
+        Ok(Worker { child, messages, stderr, share, memory_mib, _alive: alive })
     }
 
     /// The worker's next message, or `None` after the last one; a fault that it reports of the disk is an error.
     /// May be dropped and called again.
     pub async fn next(&mut self) -> std::result::Result<Option<WorkerMessage>, Fault> {
-        match self.read().await {
+        let over = self.share.over();
+        let read = tokio::select! {
+            read = self.read() => read,
+            () = over.cancelled() => {
+                self.kill().await;
+                return Err(Fault::MemoryTogether(self.share.all_mib()));
+            }
+        };
+        match read {
             Ok(Some(WorkerMessage::NotWritten(why))) => Err(Fault::StorageLimit(why)),
             Ok(Some(WorkerMessage::Broken(why))) => Err(Fault::DataDirectory(why)),
             Ok(message) => Ok(message),
@@ -150,8 +176,7 @@ impl Worker {
         self.kill().await;
         let said = tokio::time::timeout(PATIENCE, &mut self.stderr).await;
         let said = said.ok().and_then(std::result::Result::ok).unwrap_or_default();
-        // The standard library's message at the memory limit.
-        if said.contains("memory allocation of") {
+        if SAID_WITHOUT_MEMORY.iter().any(|one| said.contains(one)) {
             return Fault::MemoryLimit(self.memory_mib);
         }
         let said = said.split_whitespace().collect::<Vec<_>>().join(" ");

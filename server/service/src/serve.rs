@@ -1,14 +1,17 @@
 //! The server around the service: authentication, health, reflection and shutdown.
 
+use crate::accepting;
 use crate::access::{self, Access};
 use crate::api::pile_service_server::PileServiceServer;
 use crate::audit::{Audit, OpenCalls};
 use crate::calls::Service;
 use crate::config::Config;
+use crate::connections::Connections;
 use crate::encryption;
 use crate::incoming::Incoming;
 use crate::jobs::Bakes;
 use crate::listen::Listener;
+use crate::sandbox;
 use crate::secrets::Secrets;
 use crate::store::Store;
 use crate::telemetry::MetricsPage;
@@ -30,10 +33,9 @@ use tonic::codec::CompressionEncoding;
 use tonic::service::Routes;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Server;
-use tonic::transport::server::TcpIncoming;
 use tonic_health::ServingStatus;
 use tonic_health::server::HealthReporter;
-use tracing::{error, info};
+use tracing::{error, info, warn};
 
 /// Largest request, bytes: a scene of 100,000 bodies, the most that one may have, with all their values.
 const MAX_REQUEST: usize = 32 << 20;
@@ -97,6 +99,10 @@ pub async fn run(
     tokio::task::spawn_blocking(machine::slowness);
     bakes.restore().map_err(|error| ServeError::Failed(format!("the store cannot be read: {error}")))?;
     let (keeper, kept) = (tokio::spawn(bakes.clone().keep_limits()), bakes.clone());
+    let memory = tokio::spawn(bakes.memory.clone().watch());
+    for missing in sandbox::tried() {
+        warn!(missing, "the processes of bakes have no whole sandbox");
+    }
 
     let (health, health_service) = tonic_health::server::health_reporter();
     let is_ready = Arc::<AtomicBool>::default();
@@ -108,12 +114,13 @@ pub async fn run(
     let reloader = tokio::spawn(read_again(reload, bakes.clone(), secrets.token, access, tls));
     let open = Arc::<OpenCalls>::default();
     let routes = routes(&bakes, &access_now, &open)?.add_service(health_service);
+    let routes = Routes::from(routes.into_axum_router().layer(axum::middleware::from_fn(accepting::count_call)));
 
-    let closing = CancellationToken::new();
+    let (closing, connections) = (CancellationToken::new(), Connections::new());
     let mut servers = tokio::task::JoinSet::new();
     let sockets: Vec<_> = listeners.iter().filter_map(Listener::file).collect();
     for listener in listeners {
-        servers.spawn(serve(listener, routes.clone(), tls_now.clone(), closing.clone()));
+        servers.spawn(serve(listener, routes.clone(), tls_now.clone(), connections.clone(), closing.clone()));
     }
 
     let failed = tokio::select! {
@@ -144,6 +151,7 @@ pub async fn run(
     servers.shutdown().await;
     keeper.abort();
     kept.store.save_clock();
+    memory.abort();
     reloader.abort();
     metrics.iter().for_each(tokio::task::JoinHandle::abort);
     sockets.iter().for_each(|path| drop(std::fs::remove_file(path)));
@@ -227,6 +235,7 @@ async fn serve(
     listener: Listener,
     routes: Routes,
     tls: Option<watch::Receiver<Arc<rustls::ServerConfig>>>,
+    connections: Arc<Connections>,
     closing: CancellationToken,
 ) -> Result<(), ServeError> {
     info!(address = listener.address(), "listening");
@@ -238,16 +247,17 @@ async fn serve(
     let closing = closing.cancelled_owned();
     match (listener, tls) {
         (Listener::Tcp(listener), Some(tls)) => {
-            server.serve_with_incoming_shutdown(encryption::incoming(listener, tls), closing).await?;
+            let incoming = encryption::incoming(listener, tls, connections);
+            server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
         (Listener::Tcp(listener), None) => {
-            let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
+            let incoming = accepting::incoming(listener, connections, |stream| std::future::ready(Some(stream)));
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
         #[cfg(unix)]
         (Listener::Unix(listener, _), _) => {
-            let incoming = tokio_stream::wrappers::UnixListenerStream::new(listener);
-            let incoming = tokio_stream::StreamExt::map(incoming, |stream| stream.map(unix::UnixConnection::new));
+            let greet = |stream| std::future::ready(Some(unix::UnixConnection::new(stream)));
+            let incoming = accepting::incoming(listener, connections, greet);
             server.serve_with_incoming_shutdown(incoming, closing).await?;
         }
     }

@@ -42,6 +42,11 @@ pub enum Fault {
     TooManyCalls,
     #[error("the bake needs more memory than this server's limit of {0} MiB for each bake")]
     MemoryLimit(u64),
+    #[error(
+        "all bakes of this server together need more than its {0} MiB of memory, and this one had most of them; try \
+         again later, or request fewer bodies"
+    )]
+    MemoryTogether(u64),
     #[error("the server has no space left: {0}")]
     StorageLimit(String),
     #[error(
@@ -107,6 +112,7 @@ impl Fault {
             Fault::QueueFull { .. } => (Code::ResourceExhausted, "QUEUE_FULL"),
             Fault::TooManyCalls => (Code::ResourceExhausted, "TOO_MANY_CALLS"),
             Fault::MemoryLimit(_) => (Code::ResourceExhausted, "MEMORY_LIMIT"),
+            Fault::MemoryTogether(_) => (Code::ResourceExhausted, "MEMORY_TOGETHER"),
             Fault::StorageLimit(_) => (Code::ResourceExhausted, "STORAGE_LIMIT"),
             Fault::BakeKilled => (Code::ResourceExhausted, "BAKE_KILLED"),
             Fault::BakeNotStarted(_) => (Code::Unavailable, "BAKE_NOT_STARTED"),
@@ -140,6 +146,7 @@ impl Fault {
     fn retry(&self) -> Option<Duration> {
         match self {
             Fault::QueueFull { retry } => Some(*retry),
+            Fault::MemoryTogether(_) => Some(Duration::from_secs(60)),
             Fault::TooManyCalls | Fault::BakeNotStarted(_) | Fault::ShuttingDown | Fault::DataAway => {
                 Some(Duration::from_secs(5))
             }

@@ -23,6 +23,7 @@ use crate::asset_owners::AssetOwners;
 use crate::config::Config;
 use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SPEC, is_laid_out, layout_name};
 use crate::seal::{sealed, unsealed};
+use crate::status::no_more_files;
 use crate::store_clock::StoreClock;
 use crate::worker_message::ResultHead;
 use bytes::Bytes;
@@ -158,7 +159,8 @@ impl Store {
         }
         let tried = ["assets", "bakes"].iter().try_for_each(|folder| fs::metadata(self.root.join(folder)).map(drop));
         let tried = tried.and_then(|()| tempfile::tempfile_in(self.root.join("partial")));
-        tried.err().map(|error| error.kind().to_string())
+        // That no handle is free is no fault of the directory.
+        tried.err().filter(|error| !no_more_files(error)).map(|error| error.kind().to_string())
     }
 
     /// The folder of a bake.

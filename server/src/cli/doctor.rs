@@ -10,6 +10,7 @@ use cairn_files::problem::Problem;
 use cairn_job::machine;
 use cairn_job::reuse::BakeCache;
 use cairn_job::{FinishedBake, Job};
+use cairn_service::sandbox;
 use cairn_wire::scene_file::SceneTree;
 use cairn_wire::versions::versions;
 use serde_json::{Value, json};
@@ -128,6 +129,10 @@ fn machine_findings(cache: &BakeCache) -> Vec<Finding> {
             None => Finding::new(name, "this system does not report free space"),
         });
     }
+    let missing = sandbox::tried();
+    let text =
+        if missing.is_empty() { "files, connections and programs are shut off".into() } else { missing.join("; ") };
+    findings.push(Finding::new("sandbox", text));
     if let Some((folder, all, others)) = cache.found() {
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         let mut text = format!("{:.0} MiB in {}", mib(all), folder.display());

@@ -76,6 +76,11 @@ pub struct Args {
     #[arg(long, value_name = "MIB", env = "CAIRN_BAKE_MEMORY_MIB")]
     bake_memory_mib: Option<u64>,
 
+    /// Memory of all bakes and plans together, MiB; 0: four fifths of the machine's, or of what its control group
+    /// leaves [default: 0]
+    #[arg(long, value_name = "MIB", env = "CAIRN_MEMORY_MIB")]
+    memory_mib: Option<u64>,
+
     /// Time limit of one bake, s; 0: none [default: 86400]
     #[arg(long, value_name = "SECONDS", env = "CAIRN_BAKE_SECONDS")]
     bake_seconds: Option<u64>,

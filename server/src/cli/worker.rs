@@ -3,8 +3,8 @@
 use super::{Failure, bounds};
 use cairn_job::machine;
 use cairn_job::reuse::BakeCache;
-use cairn_service::analysis;
 use cairn_service::worker::{self, WorkerError};
+use cairn_service::{analysis, sandbox};
 use std::path::PathBuf;
 
 /// Bakes in a folder of a server's store
@@ -44,6 +44,10 @@ enum WorkerCommand {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    // Before any thread, which would be outside. What is missing of it, the server has said.
+    let folders = std::iter::once(args.folder.as_path()).chain(args.cache.as_deref());
+    args.cache.iter().for_each(|cache| drop(std::fs::create_dir_all(cache)));
+    let _ = sandbox::enter(&folders.collect::<Vec<_>>());
     worker::end_with_server();
     // The threads come before the limit, under which they may not start.
     bounds::use_threads(0)?;

@@ -20,6 +20,7 @@
 //! the pile are custom data of `Pile`, so that they follow a reference to it; the result's origin is custom data of the
 //! layer.
 
+mod arcs;
 mod binary;
 mod bounding_box;
 mod glue;
@@ -30,6 +31,7 @@ mod material;
 mod model;
 mod origin;
 mod physics;
+mod sound;
 mod stage;
 mod textures;
 mod to_gltf;
@@ -50,7 +52,7 @@ use openusd::sdf::{AbstractData, FieldKey, Path, Value};
 use openusd::tf::Token;
 use openusd::usda;
 use openusd::usdc::CrateData;
-use openusd::usdz::{Archive, ArchiveWriter};
+use openusd::usdz::ArchiveWriter;
 pub use origin::read as read_origin;
 use std::collections::HashMap;
 use std::io::{Cursor, Error};
@@ -79,13 +81,14 @@ pub fn is_usd(bytes: &[u8]) -> bool {
 
 /// The layer of a file; of a package, its first one. The crate's readers may panic.
 fn open(bytes: &[u8]) -> Option<Box<dyn AbstractData + '_>> {
-    match bytes {
-        _ if bytes.starts_with(TEXT) => Some(Box::new(usda::parse(std::str::from_utf8(bytes).ok()?).ok()?)),
-        _ if bytes.starts_with(CRATE) && binary::is_sound(bytes) => {
-            Some(Box::new(CrateData::open(Cursor::new(bytes), true).ok()?))
-        }
-        _ if bytes.starts_with(ZIP) => Archive::from_reader(Cursor::new(bytes)).ok()?.read_first_layer().ok(),
-        _ => None,
+    if bytes.starts_with(ZIP) { open_layer(sound::first_layer(bytes)?) } else { open_layer(bytes) }
+}
+
+fn open_layer<'a>(bytes: impl AsRef<[u8]> + 'a) -> Option<Box<dyn AbstractData + 'a>> {
+    match bytes.as_ref() {
+        whole if !sound::is_sound(whole) => None,
+        whole if whole.starts_with(TEXT) => Some(Box::new(usda::parse(std::str::from_utf8(whole).ok()?).ok()?)),
+        _ => Some(Box::new(CrateData::open(Cursor::new(bytes), true).ok()?)),
     }
 }
 

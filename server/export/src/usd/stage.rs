@@ -1,24 +1,33 @@
 //! A composed stage: a layer with all that it takes from others by sublayers, references, payloads, variants and
 //! classes, its instances included. Files are read by their paths from the first layer's folder.
 
-use super::{CRATE, TEXT, ZIP, binary, is_usd};
+#[cfg(test)]
+mod tests;
+
+use super::arcs::{LayerArcs, Layers, SiteCount};
+use super::sound::{DAMAGED, check_file, file_in, first_file, is_sound, open_package};
+use super::{CRATE, TEXT, ZIP, is_usd};
 use cairn_gltf::Resolver as Files;
 use cairn_gltf::media::media_type;
 use openusd::ar::{Asset, ResolvedPath, Resolver};
 use openusd::sdf::{Path, Specifier, TimeSampleMap, Value};
 use openusd::usd;
 use std::cell::RefCell;
-use std::collections::{BTreeMap, BTreeSet};
-use std::io::{Cursor, Error, ErrorKind, Read};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::io::{Cursor, Error, ErrorKind};
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 /// Files of a stage, and the longest chain in which they name each other: more than any asset has.
 const MOST_FILES: usize = 10_000;
 const MOST_ROUNDS: usize = 64;
-/// Bytes of a file in a package.
-const MOST_PACKED: u64 = 1 << 30;
-/// Levels of brackets in a text.
-const MOST_BRACKETS: usize = 256;
+/// Layers take memory when they are opened, and a package may name the same bytes often: bytes of layers in a round,
+/// and how often all bytes.
+const MOST_OPENED: usize = 64 << 20;
+const TIMES_OPENED: usize = 8;
+const OPENED_TOO_OFTEN: &str = "its layers are opened too often for their size: save it flattened";
+/// The longest composition, far more than any asset takes.
+const LONGEST: Duration = Duration::from_secs(300);
 /// The name of the first layer, and what follows the name of a package in that of a layer in it.
 const ROOT: &str = "stage";
 const IN_PACKAGE: &str = ".usdz/";
@@ -27,6 +36,10 @@ const IN_PACKAGE: &str = ".usdz/";
 pub struct ComposedStage {
     stage: usd::Stage,
     files: Rc<RefCell<FileTable>>,
+    sites: RefCell<SiteCount<TableResolver>>,
+    begun: Instant,
+    /// Why it is not composed further.
+    fault: RefCell<Option<String>>,
 }
 
 /// The files that a stage has asked for.
@@ -35,6 +48,11 @@ struct FileTable {
     /// By path; `None`: there is none.
     found: BTreeMap<String, Option<Vec<u8>>>,
     wanted: BTreeSet<String>,
+    /// Of the layers that were opened.
+    arcs: HashMap<String, Rc<LayerArcs>>,
+    /// Bytes of all files, and those that were opened in this round.
+    bytes: usize,
+    opened: usize,
 }
 
 /// What is wrong with a file that a stage names.
@@ -53,14 +71,20 @@ pub fn compose<T>(
         _ if bytes.starts_with(TEXT) => "usda",
         _ if bytes.starts_with(CRATE) => "usdc",
         _ if bytes.starts_with(ZIP) => "usdz",
-        _ => return Err("it is damaged, or no USD".into()),
+        _ => return Err(DAMAGED.into()),
     };
     let root = format!("{ROOT}.{ending}");
+    let begun = Instant::now();
+    check_file(bytes)?;
     let table = Rc::new(RefCell::new(FileTable::default()));
-    table.borrow_mut().found.insert(root.clone(), Some(bytes.to_vec()));
+    table.borrow_mut().add(root.clone(), Some(bytes.to_vec()));
     for _ in 0..MOST_ROUNDS {
-        let stage = ComposedStage::open(&root, &table)?;
+        table.borrow_mut().opened = 0;
+        let stage = ComposedStage::open(&root, &table, begun)?;
         let done = read(&stage);
+        if let Some(fault) = stage.fault.take() {
+            return Err(fault);
+        }
         let wanted = std::mem::take(&mut table.borrow_mut().wanted);
         if wanted.is_empty() {
             // The reason why it shows less, or nothing.
@@ -80,18 +104,45 @@ pub fn compose<T>(
         for name in wanted {
             // Layers and pictures alone: what else it names is none of its business.
             let bytes = files(&name).ok().filter(|bytes| is_usd(bytes) || media_type(bytes).is_some());
-            table.found.insert(name, bytes);
+            if let Some(bytes) = &bytes {
+                check_file(bytes).map_err(|what| format!("{name}: {what}"))?;
+            }
+            table.add(name, bytes);
         }
     }
     Err(format!("its files name each other more than {MOST_ROUNDS} times in a row"))
 }
 
 impl ComposedStage {
-    fn open(root: &str, files: &Rc<RefCell<FileTable>>) -> Result<ComposedStage, String> {
-        let resolver = TableResolver(files.clone());
-        let opened = usd::Stage::builder().resolver(resolver).open(root);
-        let stage = opened.map_err(|_| "it is damaged, or no USD".to_owned())?;
-        Ok(ComposedStage { stage, files: files.clone() })
+    fn open(root: &str, files: &Rc<RefCell<FileTable>>, begun: Instant) -> Result<ComposedStage, String> {
+        let resolver = || TableResolver(files.clone());
+        let opened = usd::Stage::builder().resolver(resolver()).open(root);
+        let stage = opened.map_err(|_| DAMAGED.to_owned())?;
+        let sites = SiteCount::new(resolver(), root, files.borrow().bytes);
+        Ok(ComposedStage { stage, files: files.clone(), sites: RefCell::new(sites), begun, fault: RefCell::default() })
+    }
+
+    /// Whether a prim may be composed: everything that is asked of a stage begins with this.
+    fn may_compose(&self, path: &Path) -> bool {
+        if self.fault.borrow().is_some() {
+            return false;
+        }
+        let counted = self.sites.borrow_mut().count(&path.prim_path());
+        let fault = match counted {
+            Err(fault) => fault.to_string(),
+            Ok(()) if self.begun.elapsed() > LONGEST => {
+                format!("it takes longer than {} s to compose: save it flattened", LONGEST.as_secs())
+            }
+            Ok(()) if self.files.borrow().is_exhausted() => OPENED_TOO_OFTEN.into(),
+            Ok(()) => return true,
+        };
+        *self.fault.borrow_mut() = Some(fault);
+        false
+    }
+
+    /// Why it is not composed further, if it is not.
+    pub fn check(&self) -> Result<(), String> {
+        self.fault.borrow().clone().map_or(Ok(()), Err)
     }
 
     /// A field of a prim or property; of the stage itself, of its first layer.
@@ -99,32 +150,55 @@ impl ComposedStage {
         if path.is_abs_root() {
             return self.stage.stage_metadata(key).ok()?;
         }
+        self.may_compose(path).then_some(())?;
         self.stage.attribute(path.clone()).get_metadata::<Value>(key).ok()?
     }
 
     /// The value of an attribute that does not change with time.
     pub fn value(&self, prim: &Path, name: &str) -> Option<Value> {
+        self.may_compose(prim).then_some(())?;
         self.stage.attribute(prim.append_property(name).ok()?).get::<Value>().ok()?
     }
 
     pub fn samples(&self, prim: &Path, name: &str) -> Option<TimeSampleMap> {
+        self.may_compose(prim).then_some(())?;
         self.stage.time_samples(prim.append_property(name).ok()?).ok()?
     }
 
-    /// Targets of a relationship.
+    /// Targets of a relationship; where one is another relationship, its targets.
     pub fn targets(&self, prim: &Path, name: &str) -> Vec<Path> {
-        let Ok(path) = prim.append_property(name) else { return Vec::new() };
-        self.stage.relationship(path).forwarded_targets().unwrap_or_default()
+        let (mut found, mut seen) = (Vec::new(), BTreeSet::new());
+        let mut open: Vec<Path> = prim.append_property(name).into_iter().collect();
+        while let Some(path) = open.pop() {
+            if !seen.insert(path.as_str().to_owned()) || !self.may_compose(&path) {
+                continue;
+            }
+            let is_relationship = path.is_property_path()
+                && (seen.len() == 1 || self.stage.relationship(path.clone()).has_authored_targets().unwrap_or(false));
+            if is_relationship {
+                let targets = self.stage.relationship(path).targets().unwrap_or_default();
+                open.extend(targets.into_iter().rev());
+            } else {
+                found.push(path);
+            }
+        }
+        found
     }
 
     /// Sources of an attribute.
     pub fn sources(&self, prim: &Path, name: &str) -> Vec<Path> {
         let Ok(path) = prim.append_property(name) else { return Vec::new() };
+        if !self.may_compose(prim) {
+            return Vec::new();
+        }
         self.stage.attribute(path).connections().unwrap_or_default()
     }
 
     /// The defined prims right below one.
     pub fn children(&self, prim: &Path) -> Vec<Path> {
+        if !self.may_compose(prim) {
+            return Vec::new();
+        }
         let names = match prim.is_abs_root() {
             true => self.stage.root_prims(),
             false => self.stage.prim(prim.clone()).child_names(),
@@ -135,7 +209,7 @@ impl ComposedStage {
 
     /// Whether a prim is defined, and no class.
     pub fn is_shown(&self, prim: &Path) -> bool {
-        matches!(self.stage.prim(prim.clone()).specifier(), Ok(Some(Specifier::Def)))
+        self.may_compose(prim) && matches!(self.stage.prim(prim.clone()).specifier(), Ok(Some(Specifier::Def)))
     }
 
     /// The prim that a reference to the file takes.
@@ -150,7 +224,7 @@ impl ComposedStage {
 
     /// Size of all files that it is made of.
     pub fn bytes(&self) -> usize {
-        self.files.borrow().found.values().flatten().map(Vec::len).sum()
+        self.files.borrow().bytes
     }
 
     /// A file that the stage has asked for.
@@ -179,6 +253,15 @@ impl ComposedStage {
 }
 
 impl FileTable {
+    fn add(&mut self, name: String, bytes: Option<Vec<u8>>) {
+        self.bytes += bytes.as_ref().map_or(0, Vec::len);
+        self.found.insert(name, bytes);
+    }
+
+    fn is_exhausted(&self) -> bool {
+        self.opened > MOST_OPENED + TIMES_OPENED * self.bytes
+    }
+
     fn has(&self, name: &str) -> bool {
         match split_package(name) {
             None => self.found.get(name).is_some_and(Option::is_some),
@@ -250,12 +333,16 @@ impl Resolver for TableResolver {
     /// Only what is sound: the crate's readers trust what they read.
     fn open_asset(&self, resolved: &ResolvedPath) -> std::io::Result<Box<dyn Asset>> {
         let name = resolved.to_string_lossy();
-        let bytes = self.0.borrow().open(&name).ok_or(ErrorKind::NotFound)?;
-        let is_sound = match &bytes {
-            _ if bytes.starts_with(CRATE) => binary::is_sound(&bytes),
-            _ => is_sound_text(&bytes),
+        let bytes = {
+            let mut table = self.0.borrow_mut();
+            if table.is_exhausted() {
+                return Err(Error::other(OPENED_TOO_OFTEN));
+            }
+            let bytes = table.open(&name).ok_or(ErrorKind::NotFound)?;
+            table.opened += bytes.len();
+            bytes
         };
-        if is_sound { Ok(Box::new(Cursor::new(bytes))) } else { Err(Error::other("it is damaged, or no USD")) }
+        if is_sound(&bytes) { Ok(Box::new(Cursor::new(bytes))) } else { Err(Error::other(DAMAGED)) }
     }
 
     fn get_modification_timestamp(&self, _: &str, _: &ResolvedPath) -> Option<std::time::SystemTime> {
@@ -263,19 +350,21 @@ impl Resolver for TableResolver {
     }
 }
 
-/// Whether a text is one of USD, with no more levels than a reader has room for.
-fn is_sound_text(bytes: &[u8]) -> bool {
-    let mut level = 0_usize;
-    let mut deepest = 0;
-    for byte in bytes {
-        match byte {
-            b'{' | b'(' | b'[' => level += 1,
-            b'}' | b')' | b']' => level = level.saturating_sub(1),
-            _ => {}
+impl Layers for TableResolver {
+    fn arcs(&self, name: &str) -> Option<Rc<LayerArcs>> {
+        if let Some(known) = self.0.borrow().arcs.get(name) {
+            return Some(known.clone());
         }
-        deepest = deepest.max(level);
+        let bytes = self.0.borrow().open(name).filter(|bytes| is_sound(bytes))?;
+        let arcs = Rc::new(LayerArcs::read(&*super::open(&bytes)?));
+        self.0.borrow_mut().arcs.insert(name.to_owned(), arcs.clone());
+        Some(arcs)
     }
-    bytes.starts_with(TEXT) && deepest <= MOST_BRACKETS && std::str::from_utf8(bytes).is_ok()
+
+    fn identifier(&self, path: &str, layer: &str) -> String {
+        let anchor = (!layer.is_empty()).then(|| ResolvedPath::new(layer));
+        self.create_identifier(path, anchor.as_ref())
+    }
 }
 
 fn is_package(name: &str) -> bool {
@@ -300,26 +389,6 @@ fn join(from: &str, path: &str) -> String {
         }
     }
     parts.join("/")
-}
-
-fn open_package(package: &[u8]) -> Option<zip::ZipArchive<Cursor<&[u8]>>> {
-    zip::ZipArchive::new(Cursor::new(package)).ok()
-}
-
-/// A file of a package.
-fn file_in(package: &[u8], name: &str) -> Option<Vec<u8>> {
-    let mut archive = open_package(package)?;
-    let file = archive.by_name(name).ok()?;
-    let mut bytes = Vec::new();
-    file.take(MOST_PACKED).read_to_end(&mut bytes).ok()?;
-    Some(bytes)
-}
-
-/// The first file of a package: its layer.
-fn first_file(package: &[u8]) -> Option<String> {
-    let mut archive = open_package(package)?;
-    let first = archive.by_index(0).ok()?;
-    Some(first.name().to_owned())
 }
 
 /// A token as text.

@@ -5,6 +5,8 @@
 
 mod mesh;
 mod surface;
+#[cfg(test)]
+mod tests;
 mod values;
 
 use super::super::copy::GlbOutput;
@@ -18,12 +20,18 @@ use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use values::{number, quaternion, quaternions, vector, vectors};
 
-/// Nodes of the result, and levels of prims: more than any pile has.
-const MOST_NODES: usize = 4_000_000;
+/// Nodes of the result of small files, and bytes of files for each further one: nodes take a kilobyte while they are
+/// made. More than any pile has.
+const FEW_NODES: usize = 200_000;
+const BYTES_OF_A_NODE: usize = 16;
+/// Bytes of meshes that the result of small files may have, and how often the bytes of files.
+const FEW_MESH_BYTES: usize = 64 << 20;
+const TIMES_MESH_BYTES: usize = 32;
 /// Prims, which take some 100 microseconds and 10 KiB each to compose, of a small file; and bytes of a larger one for
 /// each further prim.
 const FEW_PRIMS: usize = 10_000;
 const BYTES_OF_A_PRIM: usize = 64;
+/// Levels of prims.
 const MOST_LEVELS: usize = 200;
 
 /// A stage as glTF.
@@ -94,6 +102,10 @@ struct Converter<'a> {
     /// Start, end and number per second of the time codes.
     clock: [f64; 3],
     meshes: BTreeMap<String, Option<usize>>,
+    /// Bytes that were read for them.
+    mesh_bytes: usize,
+    /// What a prototype became with a material where it was shown first.
+    prototypes: BTreeMap<(Path, Option<Path>), Copied>,
     materials: BTreeMap<String, Option<usize>>,
     images: BTreeMap<String, usize>,
     times: BTreeMap<Vec<u64>, usize>,
@@ -101,6 +113,14 @@ struct Converter<'a> {
     samplers: Vec<serde_json::Value>,
     /// What is left out, with the prims in which it was met.
     left_out: BTreeMap<&'static str, BTreeSet<String>>,
+}
+
+/// Nodes and channels of a prototype, which are made again for each further instance.
+#[derive(Clone)]
+struct Copied {
+    top: Option<usize>,
+    nodes: std::ops::Range<usize>,
+    channels: std::ops::Range<usize>,
 }
 
 impl<'a> Converter<'a> {
@@ -112,6 +132,8 @@ impl<'a> Converter<'a> {
             prims: HashSet::new(),
             clock: [0.0, 0.0, 24.0],
             meshes: BTreeMap::new(),
+            mesh_bytes: 0,
+            prototypes: BTreeMap::new(),
             materials: BTreeMap::new(),
             images: BTreeMap::new(),
             times: BTreeMap::new(),
@@ -280,10 +302,51 @@ impl<'a> Converter<'a> {
 
     fn node(&mut self, node: serde_json::Value) -> Result<usize, String> {
         self.nodes += 1;
-        if self.nodes > MOST_NODES {
-            return Err(format!("it has more than {MOST_NODES} prims and instances"));
+        let most = FEW_NODES + self.stage.bytes() / BYTES_OF_A_NODE;
+        if self.nodes > most {
+            return Err(format!("it shows more than {most} prims and instances of few bytes: it is not read"));
         }
         Ok(self.out.push("nodes", node))
+    }
+
+    /// Counts bytes that are read for meshes.
+    fn take_mesh_bytes(&mut self, bytes: usize) -> Result<(), String> {
+        self.mesh_bytes = self.mesh_bytes.saturating_add(bytes);
+        let most = FEW_MESH_BYTES + self.stage.bytes().saturating_mul(TIMES_MESH_BYTES);
+        if self.mesh_bytes > most {
+            return Err(format!("its references repeat meshes of more than {} MiB: make them instances", most >> 20));
+        }
+        Ok(())
+    }
+
+    /// The node of a prototype and of all below it, made once with each material and then copied.
+    fn prototype(&mut self, prim: &Path, above: Option<&Path>, level: usize) -> Result<Option<usize>, String> {
+        let key = (prim.clone(), above.cloned());
+        let Some(Copied { top, nodes, channels }) = self.prototypes.get(&key).cloned() else {
+            let [nodes, channels] = [self.nodes, self.channels.len()];
+            let top = self.prim(prim, above, level)?;
+            let made = Copied { top, nodes: nodes..self.nodes, channels: channels..self.channels.len() };
+            self.prototypes.insert(key, made);
+            return Ok(top);
+        };
+        let Some(top) = top else { return Ok(None) };
+        let by = self.nodes - nodes.start;
+        let move_on = |number: &mut serde_json::Value| {
+            if let Some(index) = number.as_u64() {
+                *number = json!(index + by as u64);
+            }
+        };
+        for index in nodes {
+            let mut node = self.out.entry("nodes", index);
+            node.get_mut("children").and_then(|all| all.as_array_mut()).into_iter().flatten().for_each(move_on);
+            self.node(node)?;
+        }
+        for index in channels {
+            let mut channel = self.channels[index].clone();
+            channel.pointer_mut("/target/node").into_iter().for_each(move_on);
+            self.channels.push(channel);
+        }
+        Ok(Some(top + by))
     }
 
     fn field(&self, path: &Path, key: &str) -> Option<Value> {
@@ -331,6 +394,7 @@ impl<'a> Converter<'a> {
         if level > MOST_LEVELS {
             return Err(format!("{}: prims are nested too deeply", prim.as_str()));
         }
+        self.stage.check()?;
         let is_new = self.prims.insert(prim.clone()) && self.prims.len() > FEW_PRIMS;
         let most = if is_new { FEW_PRIMS + self.stage.bytes() / BYTES_OF_A_PRIM } else { usize::MAX };
         if self.prims.len() > most {
@@ -509,7 +573,7 @@ impl<'a> Converter<'a> {
             let prototype = usize::try_from(index).ok().and_then(|index| prototypes.get(index));
             let prototype = prototype.ok_or_else(|| wrong("protoIndices name a prototype that it does not have"))?;
             let name = format!("{}.{i:04}", prototype.name().unwrap_or_default());
-            let below = self.prim(&prototype.clone(), material, level + 1)?;
+            let below = self.prototype(&prototype.clone(), material, level + 1)?;
             let mut node = Object::from_iter([("name".to_owned(), json!(name))]);
             node.insert("children".into(), json!(below.into_iter().collect::<Vec<_>>()));
             let place = self.node(serde_json::Value::Null)?;

@@ -85,7 +85,7 @@ impl Service {
             max_chunk_bytes: to_proto::signed(MAX_CHUNK),
             worker_count: to_proto::signed(config.workers()),
             queue_size: to_proto::signed(config.queue),
-            max_bake_memory_bytes: to_proto::signed(config.bake_memory().unwrap_or(0)),
+            max_bake_memory_bytes: to_proto::signed(self.bakes.memory.each.unwrap_or(0)),
             max_bake_seconds: config.bake_time().unwrap_or_default().as_secs_f64(),
             max_store_bytes: to_proto::signed(config.store_bytes()),
             max_age_seconds: config.store_time().unwrap_or_default().as_secs_f64(),

@@ -18,6 +18,7 @@ mod withdrawal;
 use crate::access::{Access, Caller};
 use crate::config::Config;
 use crate::hook::Hook;
+use crate::memory::MemoryBudget;
 use crate::process::{Worker, WorkerTask};
 use crate::quotas::Quota;
 use crate::scheduler::Scheduler;
@@ -53,6 +54,8 @@ pub struct Bakes {
     plan_quota: Quota,
     /// Running plans: twice as many as running bakes, so that no caller can hold them all.
     planner_quota: Quota,
+    /// What their processes may take.
+    pub memory: Arc<MemoryBudget>,
     /// Cancelled when the server accepts no more bakes.
     draining: CancellationToken,
     /// Cancelled when running bakes have to stop unfinished.
@@ -68,6 +71,7 @@ impl Bakes {
         let workers = config.workers();
         let places = workers.saturating_add(config.queue);
         Arc::new(Bakes {
+            memory: MemoryBudget::new(&config),
             config,
             store,
             hook,
@@ -164,7 +168,7 @@ impl Bakes {
         let is_beside = matches!(task, WorkerTask::Plan | WorkerTask::Export(_));
         let bakes = self.bake_quota.held() + usize::from(is_beside);
         let cache = self.config.reuse.then(|| self.store.cache(project));
-        Worker::start(&self.config, task, folder, cache, self.config.threads_among(bakes))
+        Worker::start(&self.config, &self.memory, task, folder, cache, self.config.threads_among(bakes))
     }
 }
 

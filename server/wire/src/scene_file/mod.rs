@@ -76,7 +76,7 @@ impl SceneTree {
                 .collect::<Vec<_>>()
         })?;
 
-        let place = |path: &str| parsed.lines.get(path).map_or(name.clone(), |line| format!("{name}:{line}"));
+        let place = |path: &str| parsed.line(path).map_or(name.clone(), |line| format!("{name}:{line}"));
         let mut checker = Checker::new(&place);
         let values = checker.message(&schema::scene(), &parsed.value, "");
         match values {

@@ -12,6 +12,14 @@ pub struct Parsed {
     pub lines: BTreeMap<String, usize>,
 }
 
+impl Parsed {
+    /// The line of a field; of what has none of its own, that of what it is in.
+    pub fn line(&self, path: &str) -> Option<usize> {
+        let found = self.lines.get(path).copied();
+        found.or_else(|| path.rsplit_once('.').and_then(|(above, _)| self.line(above)))
+    }
+}
+
 /// A place where a text is no valid TOML or JSON.
 #[derive(Debug, PartialEq)]
 pub struct SyntaxError {
@@ -19,7 +27,32 @@ pub struct SyntaxError {
     pub message: String,
 }
 
+/// Groups of fields in a text: twice the bodies that a scene may have, and room for the rest.
+const MOST_GROUPS: usize = 250_000;
+/// Values in a text, for each group of fields, and besides: lists of numbers of bodies.
+const VALUES_OF_A_GROUP: usize = 40;
+const VALUES_BESIDES: usize = 250_000;
+
+/// Refuses a text of more groups and values than a scene has, before they take a hundred times its bytes.
+fn check_size(text: &str) -> Result<(), Vec<SyntaxError>> {
+    let (mut groups, mut values, mut before) = (0, 0, b'\n');
+    for byte in text.bytes() {
+        groups += usize::from(byte == b'{' || byte == b'[' && before == b'\n');
+        values += usize::from(matches!(byte, b'=' | b':' | b',' | b'[' | b'{'));
+        before = byte;
+    }
+    let refuse = |what: &str| Err(vec![SyntaxError { line: None, message: what.to_owned() }]);
+    if groups > MOST_GROUPS {
+        return refuse(&format!("it has more than {MOST_GROUPS} groups of fields, and a scene at most 100000 bodies"));
+    }
+    if values > VALUES_BESIDES + VALUES_OF_A_GROUP * groups {
+        return refuse("its lists are longer than any of a scene");
+    }
+    Ok(())
+}
+
 pub fn parse_json(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
+    check_size(text)?;
     match serde_json::from_str(text) {
         Ok(value) => Ok(Parsed { value, lines: BTreeMap::new() }),
         Err(error) => {
@@ -31,6 +64,7 @@ pub fn parse_json(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
 }
 
 pub fn parse_toml(text: &str) -> Result<Parsed, Vec<SyntaxError>> {
+    check_size(text)?;
     let (table, errors) = DeTable::parse_recoverable(text);
     let ends = LineEnds::of(text);
     if !errors.is_empty() {
@@ -80,8 +114,12 @@ fn from_value(value: &DeValue, ends: &LineEnds, path: &str, lines: &mut BTreeMap
         DeValue::Datetime(datetime) => Value::String(datetime.to_string()),
         DeValue::Array(array) => {
             let elements = array.iter().enumerate().map(|(index, element)| {
-                let path = format!("{path}.{index}");
-                lines.insert(path.clone(), ends.at(element.span().start));
+                // The line of a number is that of its list.
+                let is_group = matches!(element.get_ref(), DeValue::Table(_) | DeValue::Array(_));
+                let path = if is_group { format!("{path}.{index}") } else { String::new() };
+                if is_group {
+                    lines.insert(path.clone(), ends.at(element.span().start));
+                }
                 from_value(element.get_ref(), ends, &path, lines)
             });
             Value::Array(elements.collect())
@@ -139,5 +177,28 @@ mod tests {
         let parsed = parse_toml(&"[[bodies]]\nprop = 'cube'\n".repeat(BODIES)).unwrap();
         assert_eq!(parsed.value["bodies"].as_array().unwrap().len(), BODIES);
         assert_eq!(parsed.lines[&format!("bodies.{}.prop", BODIES - 1)], 2 * BODIES);
+    }
+
+    #[test]
+    fn a_number_has_the_line_of_its_list() {
+        let parsed = parse_toml("a = 1\nb = [\n1,\n2]\n").unwrap();
+        assert_eq!((parsed.line("b.1"), parsed.line("b"), parsed.line("c")), (Some(2), Some(2), None));
+    }
+
+    /// Without reading them: 300,000 bodies took 1.9 GB before their number was looked at.
+    #[test]
+    fn more_than_any_scene_has_is_refused_by_its_text() {
+        let refused = |text: &str, read: fn(&str) -> Result<super::Parsed, Vec<super::SyntaxError>>| {
+            read(text).expect_err("it is too large")[0].message.clone()
+        };
+        let bodies = "[[bodies]]\nprop = 'cube'\n".repeat(300_000);
+        let what = refused(&bodies, parse_toml);
+        assert!(what.contains("it has more than 250000 groups of fields, and a scene at most 100000 bodies"));
+        let inline = format!("bodies = [{}]", "{prop='a'},".repeat(300_000));
+        assert!(refused(&inline, parse_toml).contains("more than 250000 groups of fields"));
+        let json = format!("{{\"bodies\": [{}{{}}]}}", "{},".repeat(300_000));
+        assert!(refused(&json, super::parse_json).contains("more than 250000 groups of fields"));
+        let numbers = format!("a = [{}]", "0,".repeat(600_000));
+        assert!(refused(&numbers, parse_toml).contains("its lists are longer than any of a scene"));
     }
 }

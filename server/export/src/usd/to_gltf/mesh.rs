@@ -48,6 +48,8 @@ impl Converter<'_> {
         else {
             return Err(wrong("it has no faces"));
         };
+        let [points_bytes, corner_bytes] = [size_of::<[f32; 3]>() * points.len(), size_of::<i32>() * corners.len()];
+        self.take_mesh_bytes(points_bytes + corner_bytes + size_of::<i32>() * counts.len())?;
         if self.token(prim, "subdivisionScheme").is_none_or(|scheme| scheme != "none") {
             self.note("its subdivision is not applied: the pile is made of the cages", prim);
         }

@@ -43,6 +43,18 @@ fn a_file_in_each_container_is_the_same() {
 }
 
 #[test]
+fn triangles_that_are_there_very_often() {
+    let plain = tetrahedron();
+    let one = plain.json["meshes"][0]["primitives"][0].clone();
+    let repeated = |times: usize| mesh_of(&plain.clone().set("/meshes/0/primitives", json!(vec![one.clone(); times])));
+    assert_eq!(repeated(10_001).mesh, mesh_of(&plain).mesh);
+    let even = repeated(10_000);
+    assert_eq!((even.mesh.triangles.len(), repeated(2).mesh.triangles.len()), (8, 8));
+    assert!(even.notes[0].contains("more than twice, facing the same way, are left out"), "{:?}", even.notes);
+    assert!(repeated(2).notes.is_empty());
+}
+
+#[test]
 fn every_index_format_and_none() {
     let plain = mesh_of(&tetrahedron());
     for (code, size) in [(5121, 1), (5123, 2), (5125, 4)] {
