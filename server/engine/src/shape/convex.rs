@@ -4,6 +4,7 @@
 use crate::shape::enclose::{Margin, enclosing};
 use crate::shape::hull::Hull;
 use crate::shape::{INVISIBLE, SKIN, Solid};
+use cairn_geometry::SINGLE_PRECISION;
 use cairn_geometry::hull::convex_hull;
 use cairn_geometry::interior::MeshInterior;
 use cairn_geometry::mesh::TriMesh;
@@ -26,6 +27,8 @@ const MOST_PART_CORNERS: usize = 40;
 const FEW_CORNERS: usize = 16;
 /// Corners of a hull by which the deviation is measured.
 const SKETCH_POINTS: usize = 48;
+/// A plate around a flat part stands out by no more, in prop diameters: beyond, its corners are spikes.
+const MOST_FLAT_OUT: f64 = 0.02;
 /// A ray passes a triangle of a mesh of size 1 no farther outside of its box, by rounding.
 const BOX_ROUNDING: f32 = 1e-5;
 /// Points sampled on each surface to measure the deviation.
@@ -85,7 +88,17 @@ pub fn decompose(mesh: &TriMesh, extent: Extent, closed: bool, physics: &Physics
                 let thick = skin as f32;
                 let around = |p: &Vector| Vector::AXES.map(|axis| [*p + axis * thick, *p - axis * thick]);
                 let plate: Vec<Vector> = part.exact.iter().flat_map(around).flatten().collect();
-                enclosing(&plate, margin).map_or_else(|| part.coarse.clone(), |(corners, _)| corners)
+                let out = |corners: &[Vector]| {
+                    let near = |c: &Vector| part.exact.iter().map(|p| p.distance(*c)).fold(f32::INFINITY, f32::min);
+                    f64::from(corners.iter().map(near).fold(0.0, f32::max))
+                };
+                let simple = enclosing(&plate, margin).map(|(corners, _)| corners);
+                let corners = simple.filter(|corners| out(corners) <= MOST_FLAT_OUT).unwrap_or_else(|| {
+                    let own = hull_points(&plate);
+                    if own.len() <= most { own } else { part.coarse.clone() }
+                });
+                farthest = farthest.max(out(&corners));
+                corners
             }
         }
     };
@@ -117,6 +130,14 @@ fn tolerance(physics: &Physics) -> f64 {
         Switch::On => 0.0,
         Switch::Off => f64::INFINITY,
     }
+}
+
+/// Largest distance, both ways, between sampled points of a mesh and of the hull of these corners, m.
+pub fn distance(mesh: &TriMesh, diameter: f64, closed: bool, corners: &[DVec3]) -> f64 {
+    let unit = Unit::new(mesh, diameter, closed);
+    let corners: Vec<Vector> = corners.iter().map(|&p| ((p - unit.origin) / diameter).as_vec3()).collect();
+    let found = unit.deviation(&[Part::of(&corners)]);
+    if found > SINGLE_PRECISION { found * diameter } else { 0.0 }
 }
 
 /// Whether one hull is close enough: known without a decomposition.
