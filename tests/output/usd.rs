@@ -288,9 +288,9 @@ fn stages_that_cannot_be_shown_say_why() {
                 "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n\
                  uniform token[] xformOpOrder = [\"xformOp:shear\"]",
             ),
-            "/M: xformOp:shear is not read",
+            "/M: its transform has xformOp:shear, which is none of USD's steps",
         ),
-        (copies(""), "/I: it has no protoIndices that stay the same"),
+        (copies(""), "/I: it has no protoIndices"),
         (copies("int[] protoIndices = [0]"), "/I: it has no positions"),
         (
             copies("int[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0), (1, 0, 0)]"),

@@ -31,6 +31,7 @@ mod model;
 mod origin;
 mod physics;
 mod stage;
+mod text;
 mod textures;
 mod to_gltf;
 
