@@ -6,6 +6,7 @@
 mod choose;
 mod convex;
 mod corners;
+mod deviation;
 mod enclose;
 mod facets;
 mod fit;
