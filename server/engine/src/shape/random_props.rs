@@ -18,7 +18,7 @@ fn anywhere(random: &mut Pcg64) -> DVec3 {
     DVec3::from_array([(); 3].map(|()| random.random_range(-1.0..1.0)))
 }
 
-/// Half of all props lie along the axes, as programs make them.
+/// Half of all props are aligned with the axes, as programs make them.
 fn any_turn(random: &mut Pcg64) -> DQuat {
     match random.random_range(0..4) {
         0 => DQuat::IDENTITY,

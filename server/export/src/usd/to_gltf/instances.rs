@@ -100,7 +100,7 @@ impl Converter<'_> {
             hidden.push((start, Vec::new()));
         }
         if hidden.len().saturating_mul(count) > MOST_SEEN {
-            self.note("its instances come and go too often to be shown: those of the start are", prim);
+            self.note("its instances come and go, which is left out: those of the start are shown", prim);
             hidden.truncate(1);
         }
         let seen = |hidden: Vec<i64>| {
