@@ -95,6 +95,10 @@ def cancel(work):
         send("initialize", id=1, params=client)
         server.stdout.readline()
         send("notifications/initialized")
+        # What is no JSON is answered, too.
+        server.stdin.write('{"jsonrpc": "2.0", "id": 1,\n')
+        server.stdin.flush()
+        assert json.loads(server.stdout.readline())["error"]["code"] == -32700
         arguments = scene | {"accuracy": "reference", "set": [], "output": str(work / "late.glb")}
         send("tools/call", id=2, params={"name": "bake", "arguments": arguments})
         wait(children)

@@ -1,6 +1,6 @@
 //! Bad input: a message with place and remedy, an exit code for the kind of fault, and no output file.
 
-use crate::cli::desk::{Desk, box_data, box_json, glb};
+use crate::cli::desk::{Desk, Done, box_data, box_json, glb};
 use serde_json::json;
 
 /// Bakes `--control cone.glb` with other arguments and expects exit code 65, these words, and nothing written.
@@ -21,6 +21,51 @@ fn files_that_cannot_be_read() {
     refused(&desk, "--control cone.glb --prop empty.glb", &["empty.glb: the file is empty", "Export it again"]);
     refused(&desk, "--control folder.glb --prop stick.glb", &["folder.glb: a folder", "Name a file in it"]);
     refused(&desk, "--control cone.glb --prop kit.obj", &["kit.obj"]);
+}
+
+/// From old archives and Windows shares.
+#[cfg(unix)]
+#[test]
+fn names_that_are_no_text() {
+    use std::os::unix::ffi::OsStrExt;
+    let desk = Desk::new();
+    let odd = |name: &[u8]| desk.path("").join(std::ffi::OsStr::from_bytes(name));
+    let (model, folder) = (odd(b"bad\xff.glb"), odd(b"old\xe9"));
+    std::fs::create_dir(&folder).unwrap();
+    std::fs::copy(desk.path("stick.glb"), &model).unwrap();
+    desk.write("scene.toml", "control_mesh = \"../cone.glb\"\nprops = [\"../stick.glb\"]\nfill.count = 3\n");
+    std::fs::copy(desk.path("scene.toml"), folder.join("scene.toml")).unwrap();
+    let check = || desk.command(&["check"]);
+    let mut of_prop = check();
+    of_prop.args(["--control", "cone.glb", "--prop"]).arg(&model);
+    let mut of_scene = check();
+    of_scene.arg(folder.join("scene.toml"));
+    let mut within = check();
+    within.arg("scene.toml").current_dir(&folder);
+    for (case, mut command, code, words) in [
+        (
+            "when a prop has an odd name",
+            of_prop,
+            2,
+            ["bad\u{fffd}.glb: this name is not UTF-8 text", "Rename the file"],
+        ),
+        (
+            "when a scene is in a folder with an odd name",
+            of_scene,
+            65,
+            ["old\u{fffd}/scene.toml: the name of its folder is not UTF-8 text", "go into it"],
+        ),
+        ("when it is named from there", within, 0, ["", ""]),
+    ] {
+        let done = Done::of(command.output().unwrap());
+        assert_eq!(done.code, code, "{case}: {}", done.stderr);
+        assert!(words.iter().all(|words| done.stderr.contains(words)), "{case}: {}", done.stderr);
+    }
+    // JSON lines are asked for, and given.
+    let mut command =
+        desk.command(&["bake", "--progress", "json", "-o", "pile.glb", "--control", "cone.glb", "--prop"]);
+    let done = Done::of(command.arg(&model).output().unwrap());
+    assert!(done.code == 2 && done.stderr.starts_with("{\"error\":\""), "{}", done.stderr);
 }
 
 #[test]
@@ -170,7 +215,7 @@ fn a_small_file_that_unfolds_to_millions() {
     let desk = Desk::new();
     instances(&desk, "many.glb", 350_000 / 2);
     desk.line("check --control many.glb --prop stick.glb")
-        .fails(65, &["triangles: ", "more than the limit of 4000000"]);
+        .fails(65, &["triangles are more than the limit of 4,000,000", "raise --max-triangles"]);
 }
 
 /// A memory limit: the scene is at fault, and nothing is left behind.

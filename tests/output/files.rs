@@ -24,6 +24,7 @@ pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
         mass: 1.0,
         inertia: (DVec3::ONE, DQuat::IDENTITY),
         friction: 0.7,
+        restitution: 0.0,
         solid: Solid::Ball { center: DVec3::ZERO, radius: 0.5 },
     };
     let solids = vec![ball; bodies.iter().map(|body| body.prop + 1).max().unwrap_or(0)];

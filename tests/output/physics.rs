@@ -42,6 +42,7 @@ fn physics<'a>(json: &'a Value, name: &str) -> &'a Value {
 fn bodies_move_and_what_stands_does_not() {
     let mut pile = pile_of(&[(0, 1.0), (0, 2.0), (0, 1.0), (0, 1.0)], tumbling(4, 3));
     pile.bodies[3].is_pinned = true;
+    pile.solids[0].restitution = 0.6;
     pile.glue = Some(BakedGlue { dots: vec![], clusters: vec![vec![0, 1]], anchored: vec![] });
     let json = json_of(Format::GlbPhysics, &pile);
     assert!(json.get("animations").is_none(), "an animation would come before the simulation");
@@ -61,12 +62,13 @@ fn bodies_move_and_what_stands_does_not() {
     assert_eq!(node(&json, "cube.0001.0")["scale"], json!([2.0, 2.0, 2.0]));
     // The top of the ground is at its height.
     assert_eq!(node(&json, "ground")["translation"][1], -50.0);
-    let friction = |name: &str| {
+    let of_material = |name: &str, what: &str| {
         let material = physics(&json, name)["collider"]["physicsMaterial"].as_u64().unwrap() as usize;
-        json["extensions"]["KHR_physics_rigid_bodies"]["physicsMaterials"][material]["dynamicFriction"]
-            .as_f64()
-            .unwrap()
+        json["extensions"]["KHR_physics_rigid_bodies"]["physicsMaterials"][material][what].as_f64().unwrap()
     };
+    let friction = |name: &str| of_material(name, "dynamicFriction");
+    let restitution = |name: &str| of_material(name, "restitution");
+    assert_eq!([restitution("cube.0001.0"), restitution("ground"), restitution("scenery.0")], [0.6, 0.0, 0.0]);
     assert_eq!([friction("cube.0001.0"), friction("ground"), friction("scenery.0")], [0.7, 0.7, 0.25]);
 }
 

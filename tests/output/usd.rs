@@ -4,7 +4,7 @@ use crate::output::files::{self, PNG, far_from_its_origin, kit, no_files, pile_o
 use cairn_core::report::bake::BakedPile;
 use cairn_core::report::{BakedGlue, BakedGlueDot};
 use cairn_export::Format::{Glb, Usda, Usdc, Usdz};
-use cairn_export::{ExportScene, Layout, PartPrim, SourceModel, UsdAsset, as_gltf, encode, origin, write};
+use cairn_export::{ExportScene, Layout, PartPrim, SourceModel, UsdAsset, as_gltf, convert_usd, encode, origin, write};
 use cairn_render::{Moment, RenderModel, Settings, render};
 use cairn_wire::proto::UsdMotion;
 use glam::DVec3;
@@ -288,9 +288,9 @@ fn stages_that_cannot_be_shown_say_why() {
                 "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n\
                  uniform token[] xformOpOrder = [\"xformOp:shear\"]",
             ),
-            "/M: xformOp:shear is not read",
+            "/M: its transform has xformOp:shear, which is none of USD's steps, or has no such value",
         ),
-        (copies(""), "/I: it has no protoIndices that stay the same"),
+        (copies(""), "/I: it has no protoIndices"),
         (copies("int[] protoIndices = [0]"), "/I: it has no positions"),
         (
             copies("int[] protoIndices = [0]\npoint3f[] positions = [(0, 0, 0), (1, 0, 0)]"),
@@ -304,6 +304,24 @@ fn stages_that_cannot_be_shown_say_why() {
         let text = format!("#usda 1.0\n{prims}");
         let refused = as_gltf(text.as_bytes(), &no_files).expect_err(words);
         assert!(refused.contains(words), "{refused}, not {words}");
+    }
+    let turning = "uniform token[] xformOpOrder = [\"xformOp:transform\"]\nmatrix4d xformOp:transform.timeSamples = \
+                   { 0: ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)), \
+                   2: ((1, 0, 0, 0), (1, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)) }";
+    let faces = "int[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n";
+    let coming = "int[] protoIndices = [0]\npoint3f[] positions.timeSamples = { 0: [(0, 0, 0)], 1: [] }";
+    for (prims, words) in [
+        (
+            mesh(&format!("{faces}{turning}")),
+            "the motion of prims that shear, or of very many prims, is left out: they stand as at the start",
+        ),
+        (
+            format!("{}{}", mesh(faces), copies(coming)),
+            "its instances come and go, which is left out: those of the start are shown",
+        ),
+    ] {
+        let shown = convert_usd(format!("#usda 1.0\n{prims}").as_bytes(), &no_files, &[]).unwrap();
+        assert!(shown.notes.iter().any(|note| note.contains(words)), "{:?}", shown.notes);
     }
     assert_eq!(as_gltf(b"PXR-USDC", &no_files).unwrap_err(), "it is damaged, or no USD");
     assert_eq!(*as_gltf(b"{}", &no_files).unwrap(), *b"{}", "what is no USD stays");

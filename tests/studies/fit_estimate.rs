@@ -82,11 +82,12 @@ fn main() -> anyhow::Result<()> {
     off.sort_by(f64::total_cmp);
     println!(
         "/// Of {}; of fills that it was not fitted to, {:.0} % within 20 %, nine of ten within a factor of {:.2}.\n\
-         const PACKING: Weights = [{}];",
+         const PACKING: Weights = [{}];\npub const FACTOR: f64 = {:.2};",
         packing::FEATURES.join(", "),
         100.0 * off.iter().filter(|e| **e <= 1.2).count() as f64 / off.len() as f64,
         off[(off.len() - 1) * 9 / 10],
-        law.iter().map(|w| format!("{w:.3}")).collect::<Vec<_>>().join(", ")
+        law.iter().map(|w| format!("{w:.3}")).collect::<Vec<_>>().join(", "),
+        off[(off.len() - 1) * 9 / 10]
     );
     let dots =
         |r: &Record| Some(r.measures.get("touches")? * r.measures.get("glued_touch_fraction")? / r.bodies as f64);

@@ -1,13 +1,14 @@
 """Bakes that the tests look at, each made once, in every format."""
 
 import json
+import os
 import pathlib
 import subprocess
 
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-CAIRN = ROOT / "target/release/cairn"
+CAIRN = pathlib.Path(os.environ.get("CAIRN", ROOT / "target/release/cairn"))
 LAYERS = ["usda", "usdc", "usdz"]
 
 # Bodies that appear later, and scenery that moves.

@@ -407,7 +407,10 @@ fn baked_pile(
     let count = if recorder.keeps() { frames.len() } else { recorder.count() + 1 };
     let scenery = scenery_frames(scene, fps, count);
     let glue = is_glued.then(|| report::baked_glue(sim));
-    let solid = |(shape, prop): (&Shape, &Prop)| BakedSolid::new(shape, prop.friction);
+    let bounces = params.physics.switches.restitution.is_on(true);
+    let solid = |(shape, prop): (&Shape, &Prop)| {
+        BakedSolid::new(shape, prop.friction, if bounces { prop.restitution } else { 0.0 })
+    };
     let solids = full.shapes.iter().zip(&scene.props).map(solid).collect();
     let world = BakedWorld {
         gravity: params.gravity,

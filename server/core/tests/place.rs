@@ -346,7 +346,20 @@ fn each_warning_about_scenery_has_its_cause() {
     let props = [Prop::new(Model::new("cube", block(DVec3::splat(0.06))))];
     let holds = |piece: StaticModel| inside(&piece, &params.fill, &props).err().into_iter().collect();
     let bowl = piece("bowl", ring(0.3, 0.0, 0.2, true));
-    let cases: [(&str, Vec<String>, &str); 9] = [
+    // A terrain without a back, with a hole, below whose mean height the shape begins; a tunnel under it.
+    let hole = |size: f64| {
+        let rim = |radius: f64| ring(radius, 0.01, 0.01, false).points.into_iter().take(ANGLES as usize);
+        let face = |k: u32| {
+            let next = (k + 1) % ANGLES;
+            [[k, k + ANGLES, next], [next, k + ANGLES, next + ANGLES]]
+        };
+        let points = rim(4.0).chain(rim(size)).collect();
+        let terrain = TriMesh { points, triangles: (0..ANGLES).flat_map(face).collect() };
+        let tunnel = piece("tunnel", at(sheet(3.0, 0.0), DVec3::Y * -1.0));
+        let scene = bricks(vec![piece("terrain", terrain), tunnel]);
+        checked(&scene, &Params { ground: false, ..params.clone() }).warnings
+    };
+    let cases: [(&str, Vec<String>, &str); 11] = [
         ("when a slope is too steep", slope(41.0), "% of its foot is on slopes that friction does not hold, of "),
         ("when a slope holds", slope(20.0), "-"),
         (
@@ -354,6 +367,8 @@ fn each_warning_about_scenery_has_its_cause() {
             checked(&bricks(vec![table]), &params).warnings,
             "it touches nothing: the pile starts there and falls ",
         ),
+        ("when a part is above a hole", hole(0.2), "% of its foot is above a hole in the scenery"),
+        ("when it stands around a small hole", hole(0.02), "-"),
         (
             "when nothing is below it",
             beside(false),

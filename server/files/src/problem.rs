@@ -1,5 +1,6 @@
 //! Problems in a user's input.
 
+use cairn_input::asset::ProblemKind;
 use std::fmt;
 use std::path::Path;
 
@@ -90,7 +91,12 @@ impl From<cairn_input::asset::AssetProblem> for Problem {
     fn from(problem: cairn_input::asset::AssetProblem) -> Problem {
         let place =
             if problem.place.is_empty() { problem.file } else { format!("{}: {}", problem.file, problem.place) };
-        Problem::new(place, problem.what.to_string(), problem.remedy)
+        let mut remedy = problem.remedy;
+        // The reader knows no flags.
+        if matches!(problem.what, ProblemKind::Limit { what: "triangles", .. }) {
+            remedy = "Use a simpler file, or raise --max-triangles.".to_owned();
+        }
+        Problem::new(place, problem.what.to_string(), remedy)
     }
 }
 

@@ -16,6 +16,7 @@ pub mod hull;
 pub mod interior;
 pub mod measure;
 pub mod mesh;
+pub mod polygon;
 pub mod pose;
 pub mod raster;
 pub mod rays;

@@ -13,7 +13,7 @@ use gltf::json::validation::{Checked::Valid, USize64};
 use gltf::json::{self, Index};
 
 use crate::buffer::{BufferView, Buffers};
-use crate::compressed::Attribute;
+use crate::compressed::{Attribute, CORNERS};
 use crate::gate::{ACCESSORS, Gate, MAY, MUST, Member, MemberKind, NATURAL, NUMBER, Piece};
 use crate::log::{Log, Logged};
 use crate::problem::{ProblemKind, clip};
@@ -306,7 +306,9 @@ impl<'a, 'g> Accessors<'a, 'g> {
         };
         let count = accessor.count.0;
         if count > self.most {
-            let what = ProblemKind::Limit { what: "elements of an accessor", found: count, limit: self.most };
+            // Three corners make a triangle.
+            let (found, limit) = (count.div_ceil(CORNERS), self.most / CORNERS);
+            let what = ProblemKind::Limit { what: "triangles", found, limit };
             return Err(log.refuse(format!("{}/count", piece.path), what));
         }
         let size = purpose.shape().multiplicity() * component.size();

@@ -26,7 +26,7 @@ pub const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compress
 pub(crate) const MOST_BROKEN: u32 = 8;
 
 /// Vertices to a triangle, at most: where no two triangles share one.
-const CORNERS: u64 = 3;
+pub(crate) const CORNERS: u64 = 3;
 
 /// A decoded Draco mesh.
 pub struct DracoMesh {

@@ -30,6 +30,19 @@ impl fmt::Display for AssetProblem {
 
 impl std::error::Error for AssetProblem {}
 
+/// A count in groups of three digits: `5,242,880`.
+fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let mut text = String::new();
+    for (i, digit) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i).is_multiple_of(3) {
+            text.push(',');
+        }
+        text.push(digit);
+    }
+    text
+}
+
 /// The kinds of problems, with the values that make them.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ProblemKind {
@@ -46,7 +59,7 @@ pub enum ProblemKind {
     Version { version: String },
     #[error("it requires the extension {name}, which is not read")]
     Extension { name: String },
-    #[error("{what}: {found} is more than the limit of {limit}")]
+    #[error("{} {what} are more than the limit of {}", grouped(*.found), grouped(*.limit))]
     Limit { what: &'static str, found: u64, limit: u64 },
     #[error("it holds no triangles{}", .why.as_ref().map(|w| format!(": {w}")).unwrap_or_default())]
     NoTriangles { why: Option<String> },

@@ -201,7 +201,7 @@ fn source_model<'a>(reference: &'a Reference, files: &'a BTreeMap<PathBuf, Input
         bytes: file.gltf(),
         node: file.node(reference),
         resolve: &*file.resolve,
-        asset: file.part(reference).map(|part| UsdAsset {
+        asset: file.part(reference).filter(|part| !part.prims.is_empty()).map(|part| UsdAsset {
             path: &reference.asset,
             prims: &part.prims,
             is_default: part.is_default,

@@ -24,6 +24,8 @@ use cairn_input::scene::{Prop, Scene};
 pub struct Estimate {
     pub accuracy: Accuracy,
     pub bodies: usize,
+    /// Nine of ten bakes have as many, from and to.
+    pub body_range: [usize; 2],
     /// CPU seconds of the whole bake.
     pub cpu_seconds: f64,
     /// CPU seconds of the fill.
@@ -39,7 +41,8 @@ pub struct Estimate {
     pub kept_shape: Option<[f64; 3]>,
     /// CPU seconds of release and hold; the rest is for shapes and measures.
     pub release_seconds: f64,
-    /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`.
+    /// Nine of ten bakes take between `cpu_seconds` / `factor` and `cpu_seconds` * `factor`. Larger where the number of
+    /// bodies is not known.
     pub factor: f64,
     /// Expected `visible_depth_p95_rel`, as the study of the presets found it.
     pub overlap_rel: f64,
@@ -210,6 +213,12 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
     let traits = params.accuracy.traits();
     let [imbalance, shape_error] = traits.expected_errors;
     let workload = Workload::of(scene, params, checked, shapes);
+    let range = plan::body_range(scene, params, checked);
+    // The laws are nearly proportional to the number of bodies, whose usual range is within their own factor.
+    let unknown = range.mixed.map_or(1.0, |_| {
+        let (low, high) = (range.low as f64, range.high as f64);
+        (high / workload.bodies).max(workload.bodies / low.max(1.0)).max(1.0)
+    });
     let [own, holding] = traits.overlaps;
     let mixed = |n: usize| workload.primitive * own[n] + (1.0 - workload.primitive) * holding[n];
     let [overlap_rel, most_overlap_rel] = [mixed(0), mixed(1)];
@@ -227,13 +236,14 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
     Estimate {
         accuracy: params.accuracy,
         bodies: workload.bodies as usize,
+        body_range: [range.low, range.high],
         cpu_seconds: fill_seconds + glue_seconds + release_seconds + rest,
         fill_seconds,
         glue_seconds,
         glue_dots: if bound.is_infinite() { joints_per_body * workload.bodies } else { 0.0 },
         kept_shape: (scene.is_filled(params) && !held).then_some(kept),
         release_seconds,
-        factor: model::FACTOR,
+        factor: model::FACTOR * unknown,
         overlap_rel,
         overlap: overlap_rel * thickness,
         most_overlap: most_overlap_rel * thickness,

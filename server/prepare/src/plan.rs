@@ -2,7 +2,7 @@
 
 use crate::check::CheckedScene;
 use crate::effects::{Effect, EffectName, Resolved};
-use crate::packing::{Room, expected_bodies};
+use crate::packing::{self, BodyRange, Room, expected_bodies};
 use cairn_geometry::ClosedMesh;
 use cairn_input::observer::Stage;
 use cairn_input::params::{Accuracy, EntranceKind, Params};
@@ -13,6 +13,9 @@ use cairn_input::scene::Scene;
 pub struct Plan {
     /// Bodies expected, from the volumes and the packing that the fill usually reaches.
     pub expected_bodies: usize,
+    /// Nine of ten bakes have as many, from and to.
+    #[serde(default)]
+    pub body_range: [usize; 2],
     /// Simulation steps expected over all stages.
     pub expected_steps: usize,
     /// Frames that the result has at most, unless the pile rests after more than twice the expected time.
@@ -49,16 +52,25 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
              larger props"
         )
     });
+    let range = body_range(scene, params, checked);
+    let mixed = range.mixed.map(|ratio| {
+        format!(
+            "props differ in size by a factor of {ratio:.0}: how many small ones fill the gaps is not known before: \
+             between {} and {} bodies are expected; fill.count sets how many",
+            range.low, range.high
+        )
+    });
     let steps = release_steps(scene, params, checked);
     Plan {
         most_frames: most_frames(steps * params.physics.step.seconds(checked.characteristic_time(params)), params),
         expected_bodies: fill_bodies + scene.added_bodies(),
+        body_range: [range.low, range.high],
         expected_steps: filled.map_or(0, |_| USUAL_FILL_STEPS).saturating_add(steps as usize),
         prop_diameter: checked.diameter,
         characteristic_time: checked.characteristic_time(params),
         stages: stages.into_iter().flatten().collect(),
         effects: resolved.effects.clone(),
-        warnings: checked.warnings.iter().cloned().chain(limited).collect(),
+        warnings: checked.warnings.iter().cloned().chain(limited).chain(mixed).collect(),
     }
 }
 
@@ -85,9 +97,38 @@ pub fn filled_bodies(scene: &Scene, params: &Params, checked: &CheckedScene) -> 
         return all.min(params.fill.max_bodies as usize);
     }
     let filled = checked.filled(scene, params);
-    let usual = Params::new(Accuracy::Standard).fill.full_below;
-    let full = 1.0 - MISSING * (params.fill.full_below - usual).max(0.0);
+    let full = fullness(params);
     filled.map_or(0, |control| expected_bodies(scene, &checked.sizes, &room(control, checked), &params.fill, full))
+}
+
+/// Share of the bodies that a fill ends with.
+fn fullness(params: &Params) -> f64 {
+    let usual = Params::new(Accuracy::Standard).fill.full_below;
+    1.0 - MISSING * (params.fill.full_below - usual).max(0.0)
+}
+
+/// The range around [`filled_bodies`], those that are added besides included.
+pub fn body_range(scene: &Scene, params: &Params, checked: &CheckedScene) -> BodyRange {
+    fn of_fill(scene: &Scene, params: &Params, checked: &CheckedScene) -> BodyRange {
+        let none = BodyRange { low: 0, high: 0, mixed: None };
+        if !checked.piles.is_empty() {
+            let pile = |(i, checked)| of_fill(&scene.of_pile(i), params, checked);
+            let most = params.fill.max_bodies as usize;
+            return checked.piles.iter().enumerate().map(pile).fold(none, |all, own| BodyRange {
+                low: (all.low + own.low).min(most),
+                high: (all.high + own.high).min(most),
+                mixed: all.mixed.or(own.mixed),
+            });
+        }
+        let range = |control| {
+            let room = room(control, checked);
+            packing::body_range(scene, &checked.sizes, &room, &params.fill, fullness(params))
+        };
+        checked.filled(scene, params).map_or(none, range)
+    }
+    let BodyRange { low, high, mixed } = of_fill(scene, params, checked);
+    let added = scene.added_bodies();
+    BodyRange { low: low + added, high: high + added, mixed }
 }
 
 /// The room that is to be filled.

@@ -101,7 +101,9 @@ const MAIN_EFFECTS: [EffectName; 6] = [
 pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>, has_all: bool) -> String {
     let mut text = String::from("The scene can be baked.\n");
     let mut line = |name: &str, value: String| writeln!(text, "  {name:<22}{value}").expect("a string takes all");
-    line("bodies", format!("about {}", plan.expected_bodies));
+    let [low, high] = plan.body_range;
+    let range = if low < high { format!(" ({low} to {high} in 9 of 10 bakes)") } else { String::new() };
+    line("bodies", format!("about {}{range}", plan.expected_bodies));
     line("steps", format!("about {}", plan.expected_steps));
     if let Some(dots) = expected.map(|expected| expected.glue_dots).filter(|dots| *dots >= 1.0) {
         line(

@@ -38,11 +38,14 @@ mod worker;
 use anstream::eprintln;
 use anstyle::{AnsiColor, Style};
 use cairn_files::failpoints;
+use cairn_files::problem::Problem;
+use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
 use comfy_table::{CellAlignment, Table, presets};
 pub use failure::Failure;
 use progress::Mode;
 use serde_json::json;
+use std::ffi::OsStr;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -129,12 +132,28 @@ fn asks_for_json(args: impl Iterator<Item = String>) -> bool {
     args.windows(2).any(is_pair) || args.iter().any(|arg| arg == "--progress=json")
 }
 
+/// The command line as text, whatever is in it.
+fn args() -> impl Iterator<Item = String> {
+    std::env::args_os().map(|arg| arg.to_string_lossy().into_owned())
+}
+
+/// The problem of an argument that names a model, as scenes hold it, and is no text.
+fn no_text(arg: &OsStr) -> Problem {
+    let what = "this name is not UTF-8 text, and a scene can only hold such names";
+    Problem::new(arg.to_string_lossy(), what, "Rename the file, or the folder that has such a name.")
+}
+
 /// Runs the command of the command line.
 pub fn main() -> ExitCode {
     failpoints::set_up();
     let cli = Cli::try_parse().unwrap_or_else(|error| {
-        if error.use_stderr() && asks_for_json(std::env::args()) {
-            AS_JSON.store(true, Ordering::Relaxed);
+        AS_JSON.store(error.use_stderr() && asks_for_json(args()), Ordering::Relaxed);
+        let odd = std::env::args_os().find(|arg| arg.to_str().is_none());
+        if let Some(odd) = odd.filter(|_| error.kind() == ErrorKind::InvalidUtf8) {
+            print_error(&no_text(&odd).to_string());
+            std::process::exit(error.exit_code());
+        }
+        if is_json() {
             print_error(error.to_string().trim_start_matches("error: ").trim());
             std::process::exit(error.exit_code());
         }
@@ -176,7 +195,7 @@ pub fn main() -> ExitCode {
                 print_note(note);
             }
             if matches!(failure, Failure::Usage(_)) && !is_json() {
-                eprintln!("\n{}", usage(std::env::args().skip(1)));
+                eprintln!("\n{}", usage(args().skip(1)));
             }
             if is_openjd && !messages.is_empty() {
                 progress::openjd("fail", &messages.join("; "));

@@ -135,6 +135,10 @@ fn price_list(estimates: &[Estimate], own: Option<&Estimate>) -> String {
         );
         writeln!(text, "{}", line.trim_end()).expect("writing to a string cannot fail");
     }
+    if let Some(own) = own.or(estimates.first()) {
+        let [low, high] = own.body_range;
+        text += &format!("Nine of ten bakes have {low} to {high} bodies. ");
+    }
     text += "Overlaps are also in percent of the thinner body's thickness; below 0.6 % they are invisible. Of ten \
              bakes, eight keep a share of the shape in the range. Speed: how far a sliding body is off. Loose: bodies \
              that move once all are released; shape: distance from the reference's, both without hold or glue.\n";

@@ -73,18 +73,22 @@ pub struct BakedSolid {
     pub inertia: (DVec3, DQuat),
     /// Coulomb friction coefficient; a pair has the mean of its two.
     pub friction: f64,
+    /// Coefficient of restitution, 0 where no body bounces; a pair has the mean of its two.
+    #[serde(default)]
+    pub restitution: f64,
     /// The collision shape, about the center of mass, without the skin in which this engine lets bodies overlap.
     pub solid: Solid,
 }
 
 impl BakedSolid {
-    pub fn new(shape: &Shape, friction: f64) -> BakedSolid {
+    pub fn new(shape: &Shape, friction: f64, restitution: f64) -> BakedSolid {
         BakedSolid {
             pivot: shape.pivot(),
             center: shape.center,
             mass: shape.mass,
             inertia: shape.inertia,
             friction,
+            restitution,
             solid: shape.bare.clone(),
         }
     }

@@ -11,32 +11,44 @@ use glam::DVec3;
 /// or fewer does (Fejes Toth's bound): dice and gems should not roll like balls.
 const BALL_ROUNDNESS: f64 = 0.97;
 
+/// The corners of a box that stands for a mesh stand out by no more, in prop diameters. Bevels and rounded edges that
+/// leave the volume alone are within it; a cut corner is not.
+const CORNER_OFF: f64 = 0.05;
+/// The outline of a sheet fills at least this share of its box: a disc fills 0.79, a leaf 0.67, a triangle half.
+const SHEET_SHARE: f64 = 0.6;
+
 /// The cheapest solid that is close enough, and holds what is no farther from the mesh than `off`, m.
 pub fn solid(mesh: &TriMesh, around: &OrientedBox, size: &Size, off: f64, physics: &Physics) -> Fitted {
     let Size { diameter, closed, .. } = *size;
-    if let Some((solid, deviation)) = primitive(mesh, around, diameter, closed, physics) {
-        let solid = solid.larger(off);
-        return Fitted { bare: solid.clone(), solid, deviation: deviation + off };
-    }
-    convex::decompose(mesh, Extent { diameter, thickness: 2.0 * around.half.min_element(), off }, closed, physics)
+    let extent = Extent { diameter, thickness: 2.0 * around.half.min_element(), off };
+    let simple = primitive(mesh, around, extent, closed, physics);
+    simple.unwrap_or_else(|| convex::decompose(mesh, extent, closed, physics))
 }
 
-/// The box or the ball that the mesh is, or the box of a sheet, and its distance from the mesh, m.
-fn primitive(
-    mesh: &TriMesh,
-    around: &OrientedBox,
-    diameter: f64,
-    closed: bool,
-    physics: &Physics,
-) -> Option<(Solid, f64)> {
+/// The box or the ball that the mesh is, or the plate that a sheet is.
+fn primitive(mesh: &TriMesh, around: &OrientedBox, extent: Extent, closed: bool, physics: &Physics) -> Option<Fitted> {
+    let Extent { diameter, thickness, off } = extent;
     // Several times cheaper than a hull.
-    let gap = physics.shape_gap * 2.0 * around.half.min_element();
+    let fitted = |solid: Solid, deviation: f64| {
+        let solid = solid.larger(off);
+        Fitted { bare: solid.clone(), solid, deviation: deviation + off }
+    };
+    let gap = physics.shape_gap * thickness;
     let tolerance = (f64::from(INVISIBLE) * diameter).min(gap);
     let flat = FLAT_THICKNESS * diameter;
-    if around.half.min_element() * 2.0 < flat {
-        // A sheet: its box, given some thickness.
+    if thickness < flat {
+        // A sheet: its box, given some thickness, or its outline.
         let b = OrientedBox { half: around.half.max(DVec3::splat(flat / 2.0)), ..*around };
-        return Some((Solid::Box(b), flat / 2.0));
+        let own = |corners: &[DVec3]| convex::distance(mesh, diameter, closed, corners).max(flat / 2.0);
+        // Of a line there is no share.
+        let is_sparse = around.share(mesh) < SHEET_SHARE;
+        if !is_sparse {
+            return Some(fitted(Solid::Box(b), own(&b.corners().collect::<Vec<_>>())));
+        }
+        let corners = b.plate(mesh);
+        let plate = convex::hull_mesh(&corners);
+        let fitted = convex::decompose(&plate, Extent { thickness: flat, ..extent }, true, physics);
+        return Some(Fitted { deviation: fitted.deviation + own(&corners), ..fitted });
     }
     if !closed || !physics.switches.primitives.is_on(true) {
         return None;
@@ -44,20 +56,26 @@ fn primitive(
     let volume = mass::moments(mesh).volume;
     let box_deviation = around.deviation(mesh);
     if box_deviation < tolerance && (volume / around.volume() - 1.0).abs() < 0.05 {
-        return Some((Solid::Box(*around), box_deviation));
+        let corners: Vec<DVec3> = around.corners().collect();
+        let deviation = box_deviation.max(convex::distance(mesh, diameter, closed, &corners));
+        if deviation <= CORNER_OFF * diameter {
+            return Some(fitted(Solid::Box(*around), deviation));
+        }
     }
     let (center, radius) = fit::bounding_sphere(mesh);
     let own_radius = libm::cbrt(volume.abs() * 0.75 / std::f64::consts::PI);
     let round = radius > 0.0 && own_radius / radius > BALL_ROUNDNESS;
     // A faceted ball lies inside its sphere, farthest from it in the middle of its facets: few touch just there.
     let deviation = radius - fit::inner_radius(mesh, center);
-    (round && deviation <= 2.0 * gap).then_some((Solid::Ball { center, radius }, deviation))
+    (round && deviation <= 2.0 * gap).then(|| fitted(Solid::Ball { center, radius }, deviation))
 }
 
 /// The kind that the solid of a closed mesh will have, without splitting it.
 pub fn kind(mesh: &TriMesh, diameter: f64, physics: &Physics) -> ShapeKind {
-    match primitive(mesh, &fit::oriented_box(mesh), diameter, true, physics) {
-        Some((solid, _)) => solid.kind(),
+    let around = fit::oriented_box(mesh);
+    let extent = Extent { diameter, thickness: 2.0 * around.half.min_element(), off: 0.0 };
+    match primitive(mesh, &around, extent, true, physics) {
+        Some(Fitted { solid, .. }) => solid.kind(),
         None if convex::is_one_hull(mesh, diameter, true, physics) => ShapeKind::Hull,
         None => ShapeKind::Parts,
     }

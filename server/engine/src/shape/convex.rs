@@ -1,16 +1,17 @@
 //! Convex hulls and approximate convex decomposition, each with its measured distance from the mesh. What is chosen is
 //! then simplified from outside.
 
+use crate::shape::deviation::{deviation, mesh_contains};
 use crate::shape::enclose::{Margin, enclosing};
 use crate::shape::hull::Hull;
 use crate::shape::{INVISIBLE, SKIN, Solid};
+use cairn_geometry::SINGLE_PRECISION;
 use cairn_geometry::hull::convex_hull;
 use cairn_geometry::interior::MeshInterior;
 use cairn_geometry::mesh::TriMesh;
 use cairn_input::params::{Physics, Switch};
 use glam::DVec3;
 use rapier3d::math::Vector;
-use rapier3d::parry::partitioning::BvhNode;
 use rapier3d::parry::query::PointQuery;
 use rapier3d::parry::shape::TriMesh as EngineMesh;
 use rapier3d::parry::transformation::vhacd::{VHACD, VHACDParameters};
@@ -26,10 +27,8 @@ const MOST_PART_CORNERS: usize = 40;
 const FEW_CORNERS: usize = 16;
 /// Corners of a hull by which the deviation is measured.
 const SKETCH_POINTS: usize = 48;
-/// A ray passes a triangle of a mesh of size 1 no farther outside of its box, by rounding.
-const BOX_ROUNDING: f32 = 1e-5;
-/// Points sampled on each surface to measure the deviation.
-const DEVIATION_SAMPLES: usize = 600;
+/// A plate around a flat part stands out by no more, in prop diameters: beyond, its corners are spikes.
+const MOST_FLAT_OUT: f64 = 0.02;
 
 /// A solid that stands for a prop.
 pub struct Fitted {
@@ -85,7 +84,17 @@ pub fn decompose(mesh: &TriMesh, extent: Extent, closed: bool, physics: &Physics
                 let thick = skin as f32;
                 let around = |p: &Vector| Vector::AXES.map(|axis| [*p + axis * thick, *p - axis * thick]);
                 let plate: Vec<Vector> = part.exact.iter().flat_map(around).flatten().collect();
-                enclosing(&plate, margin).map_or_else(|| part.coarse.clone(), |(corners, _)| corners)
+                let out = |corners: &[Vector]| {
+                    let near = |c: &Vector| part.exact.iter().map(|p| p.distance(*c)).fold(f32::INFINITY, f32::min);
+                    f64::from(corners.iter().map(near).fold(0.0, f32::max))
+                };
+                let simple = enclosing(&plate, margin).map(|(corners, _)| corners);
+                let corners = simple.filter(|corners| out(corners) <= MOST_FLAT_OUT).unwrap_or_else(|| {
+                    let own = hull_points(&plate);
+                    if own.len() <= most { own } else { part.coarse.clone() }
+                });
+                farthest = farthest.max(out(&corners));
+                corners
             }
         }
     };
@@ -96,11 +105,11 @@ pub fn decompose(mesh: &TriMesh, extent: Extent, closed: bool, physics: &Physics
 }
 
 /// A convex part of a mesh, in the unit frame.
-struct Part {
+pub(super) struct Part {
     /// The corners of its hull.
     exact: Vec<Vector>,
     /// Those from which no other stands out by more than [`INVISIBLE`].
-    coarse: Vec<Vector>,
+    pub(super) coarse: Vec<Vector>,
 }
 
 impl Part {
@@ -117,6 +126,14 @@ fn tolerance(physics: &Physics) -> f64 {
         Switch::On => 0.0,
         Switch::Off => f64::INFINITY,
     }
+}
+
+/// Largest distance, both ways, between sampled points of a mesh and of the hull of these corners, m.
+pub fn distance(mesh: &TriMesh, diameter: f64, closed: bool, corners: &[DVec3]) -> f64 {
+    let unit = Unit::new(mesh, diameter, closed);
+    let corners: Vec<Vector> = corners.iter().map(|&p| ((p - unit.origin) / diameter).as_vec3()).collect();
+    let found = unit.deviation(&[Part::of(&corners)]);
+    if found > SINGLE_PRECISION { found * diameter } else { 0.0 }
 }
 
 /// Whether one hull is close enough: known without a decomposition.
@@ -246,91 +263,11 @@ pub fn hull_mesh(points: &[DVec3]) -> TriMesh {
     TriMesh { points: corners.into_iter().map(|p| p.as_dvec3()).collect(), triangles }
 }
 
-/// Largest distance between sampled points of the mesh and the parts, and of the parts' outer surface and the mesh;
-/// both in the unit frame.
-fn deviation(mesh: &EngineMesh, is_inside: impl Fn(Vector) -> bool, parts: &[Part]) -> f64 {
-    let hulls: Vec<(Hull, EngineMesh)> = parts
-        .iter()
-        .filter_map(|Part { coarse, .. }| {
-            let hull = Hull::new(coarse)?;
-            let (points, triangles) = convex_hull(coarse)?;
-            Some((hull, EngineMesh::new(points, triangles).ok()?))
-        })
-        .collect();
-    if hulls.is_empty() {
-        return f64::INFINITY;
-    }
-    let to_parts = surface_samples(mesh).into_iter().map(|p| {
-        let near = |h: &(Hull, EngineMesh)| h.0.distance_to_local_point(p, true);
-        hulls.iter().map(near).fold(f32::INFINITY, f32::min)
-    });
-    let mut worst = to_parts.fold(0.0, f32::max);
-    for (i, (_, surface)) in hulls.iter().enumerate() {
-        for p in surface_samples(surface) {
-            let buried = hulls.iter().enumerate().any(|(j, h)| j != i && h.0.contains_local_point(p));
-            if !buried {
-                // Outside the mesh only: inside, a part takes no space but the prop's.
-                let inside = is_inside(p);
-                worst = worst.max(if inside { 0.0 } else { mesh.distance_to_local_point(p, false) });
-            }
-        }
-    }
-    worst as f64
-}
-
-/// Even-odd test along one fixed skew direction.
-fn mesh_contains(mesh: &EngineMesh, p: Vector) -> bool {
-    let direction = Vector::new(0.5377, 0.7314, 0.4196);
-    let inverse = direction.recip();
-    // The box, and a little more than rounding takes.
-    let may_cross = |node: &BvhNode| {
-        let (near, far) = ((node.mins() - p - BOX_ROUNDING) * inverse, (node.maxs() - p + BOX_ROUNDING) * inverse);
-        let (enters, leaves) = (near.max_element(), far.min_element());
-        leaves >= 0.0 && enters <= leaves
-    };
-    let crossings = mesh.bvh().leaves(may_cross).filter(|&i| {
-        let t = mesh.triangle(i);
-        let (e1, e2, s) = (t.b - t.a, t.c - t.a, p - t.a);
-        let h = direction.cross(e2);
-        let det = e1.dot(h);
-        if det == 0.0 {
-            return false;
-        }
-        let u = s.dot(h) / det;
-        let q = s.cross(e1);
-        let v = direction.dot(q) / det;
-        u >= 0.0 && v >= 0.0 && u + v <= 1.0 && e2.dot(q) / det > 0.0
-    });
-    crossings.count() % 2 == 1
-}
-
-/// Points spread over a surface in proportion to area, deterministic.
-fn surface_samples(mesh: &EngineMesh) -> Vec<Vector> {
-    let areas: Vec<f32> = mesh.triangles().map(|t| (t.b - t.a).cross(t.c - t.a).length()).collect();
-    let total: f32 = areas.iter().sum();
-    let step = total / DEVIATION_SAMPLES as f32;
-    let (mut carried, mut out) =
-        (0.0, mesh.vertices().iter().step_by(1 + mesh.vertices().len() / 400).copied().collect::<Vec<_>>());
-    for (t, area) in mesh.triangles().zip(areas) {
-        carried += area;
-        let n = if step > 0.0 { (carried / step) as usize } else { 0 };
-        carried -= n as f32 * step;
-        for k in 0..n {
-            // The R2 sequence, folded into the triangle.
-            let (mut u, mut v) = ((0.7548777 * (k + 1) as f32).fract(), (0.5698403 * (k + 1) as f32).fract());
-            if u + v > 1.0 {
-                (u, v) = (1.0 - u, 1.0 - v);
-            }
-            out.push(t.a + (t.b - t.a) * u + (t.c - t.a) * v);
-        }
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::shape::Size;
+    use crate::shape::deviation::surface_samples;
     use cairn_geometry::topology::weld;
     use cairn_input::params::{Accuracy, Params};
 

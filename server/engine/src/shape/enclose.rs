@@ -26,6 +26,9 @@ const REACHED: f64 = 2e-7;
 /// A corner moves out by at most this many times the distance of the farthest of its facets: beyond, it is a spike.
 const SPIKE: f64 = 8.0;
 
+/// Corners are moved out by no more because of rounding, in diameters: sound hulls need a millionth.
+const MOST_GROWN: f64 = 0.01;
+
 /// How a hull is simplified, in its diameters.
 #[derive(Clone, Copy, Debug)]
 pub struct Margin {
@@ -98,7 +101,14 @@ pub fn enclosing(points: &[Vector], margin: Margin) -> Option<(Vec<Vector>, f64)
         let next = worst.iter().map(|o| planes[o.farthest].beyond).find(|i| !kept.contains(i));
         match next.filter(|_| !is_full) {
             Some(next) => kept.push(next),
-            None => return Some((holding(outside.iter().map(|o| o.place).collect(), &all)?, gap)),
+            None => {
+                let (corners, grown) = holding(outside.iter().map(|o| o.place).collect(), &all)?;
+                if grown <= MOST_GROWN {
+                    return Some((corners, gap + grown));
+                }
+                // So thin that rounding turns its facets: its own corners, as they are.
+                return (all.len() <= margin.most).then(|| (whole.points().to_vec(), 0.0));
+            }
         }
     }
 }
@@ -244,8 +254,8 @@ fn split(normal: DVec3, on: &[(usize, DVec3, f64)]) -> (DVec3, [f64; 3]) {
 }
 
 /// The corners, or, where rounding or a spike cut short let some of the hull out, these about its middle, larger by as
-/// much as it takes.
-fn holding(places: Vec<DVec3>, all: &[DVec3]) -> Option<Vec<Vector>> {
+/// much as it takes; and by how far that moves one.
+fn holding(places: Vec<DVec3>, all: &[DVec3]) -> Option<(Vec<Vector>, f64)> {
     let middle = all.iter().sum::<DVec3>() / all.len() as f64;
     let near: Vec<Vector> = places.iter().map(|p| p.as_vec3()).collect();
     let hull = Hull::new(&near)?;
@@ -257,7 +267,10 @@ fn holding(places: Vec<DVec3>, all: &[DVec3]) -> Option<Vec<Vector>> {
         if wanted > reach && reach > 0.0 { wanted / reach } else { 1.0 }
     });
     let factor = factor.fold(1.0, f64::max);
-    Some(hull.points().iter().map(|p| (middle + (p.as_dvec3() - middle) * factor).as_vec3()).collect())
+    let away = |p: &Vector| p.as_dvec3() - middle;
+    let farthest = hull.points().iter().map(|p| away(p).length()).fold(0.0, f64::max);
+    let corners = hull.points().iter().map(|p| (middle + away(p) * factor).as_vec3()).collect();
+    Some((corners, (factor - 1.0) * farthest))
 }
 
 #[cfg(test)]

@@ -2,7 +2,13 @@
 
 use super::mass;
 use cairn_geometry::mesh::{TriMesh, bounds};
-use glam::{DMat3, DQuat, DVec3};
+use cairn_geometry::rectangle::{convex_hull, smallest_rectangle};
+use glam::{DMat3, DQuat, DVec2, DVec3};
+
+/// The sine of an angle below which two faces count as square or as parallel: 3 degrees.
+const SMALL_ANGLE: f64 = 0.05;
+/// An outline that fills this share of its smallest rectangle is one, up to its corners; others have no edge to go by.
+const RECTANGLE: f64 = 0.9;
 
 /// A box with its own axes.
 #[derive(Clone, Copy, Debug, serde::Serialize, serde::Deserialize)]
@@ -23,6 +29,30 @@ impl OrientedBox {
         self.rotation * DVec3::AXES[self.half.min_position()]
     }
 
+    /// Corners, without an order.
+    pub fn corners(&self) -> impl Iterator<Item = DVec3> + '_ {
+        let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
+        let at = move |corner| DVec3::new(sign(corner, 0), sign(corner, 1), sign(corner, 2)) * self.half;
+        (0..8).map(move |corner| self.center + self.rotation * at(corner))
+    }
+
+    /// The share of its largest faces that the outline of a mesh fills, as seen along the thin axis.
+    pub fn share(&self, mesh: &TriMesh) -> f64 {
+        let (u, v) = self.thin_axis().any_orthonormal_pair();
+        let [_, width, length] = sorted(self.half * 2.0);
+        area(&outline(mesh, u, v)) / (width * length)
+    }
+
+    /// The outline of a mesh as seen along the thin axis, on both of these faces of the box: corners of a plate.
+    pub fn plate(&self, mesh: &TriMesh) -> Vec<DVec3> {
+        let normal = self.thin_axis();
+        let (u, v) = normal.any_orthonormal_pair();
+        let middle = normal * self.center.dot(normal);
+        let half = normal * self.half.min_element();
+        let place = |p: DVec2| [-half, half].map(|height| middle + u * p.x + v * p.y + height);
+        outline(mesh, u, v).into_iter().flat_map(place).collect()
+    }
+
     /// Largest distance of a mesh corner to the box's surface, m.
     pub fn deviation(&self, mesh: &TriMesh) -> f64 {
         let back = self.rotation.inverse();
@@ -38,14 +68,10 @@ impl OrientedBox {
 pub fn oriented_box(mesh: &TriMesh) -> OrientedBox {
     let frames = [DMat3::IDENTITY, face_axes(mesh), DMat3::from_quat(mass::principal(point_inertia(mesh)).1)];
     let boxes = frames.map(|frame| box_along(mesh, frame));
+    // Flat ones are compared by area.
+    let floor = boxes.iter().map(|b| b.half.max_element()).fold(0.0, f64::max) * 1e-3;
+    let tightness = |b: &OrientedBox| b.half.max(DVec3::splat(floor)).element_product();
     boxes.into_iter().reduce(|best, b| if tightness(&b) < tightness(&best) * 0.999 { b } else { best }).unwrap()
-}
-
-/// Compares boxes by volume, or by area when they are flat.
-fn tightness(b: &OrientedBox) -> f64 {
-    let floor = b.half.max_element() * 1e-3;
-    let h = b.half.max(DVec3::splat(floor));
-    h.x * h.y * h.z
 }
 
 fn box_along(mesh: &TriMesh, frame: DMat3) -> OrientedBox {
@@ -55,7 +81,8 @@ fn box_along(mesh: &TriMesh, frame: DMat3) -> OrientedBox {
     OrientedBox { center: frame * ((lo + hi) / 2.0), rotation, half: (hi - lo) / 2.0 }
 }
 
-/// Axes along the largest face and the largest face square to it.
+/// Axes along the largest face and the largest face square to it. Where no face is square to it, along the first face
+/// across it; where that is parallel, along the outline.
 fn face_axes(mesh: &TriMesh) -> DMat3 {
     let normals: Vec<DVec3> = (0..mesh.triangles.len())
         .map(|i| {
@@ -67,10 +94,43 @@ fn face_axes(mesh: &TriMesh) -> DMat3 {
         normals.iter().copied().reduce(|best, n| if weight(n) > weight(best) * 1.000001 { n } else { best })
     };
     let Some(x) = largest(&|n| n.length()).and_then(DVec3::try_normalize) else { return DMat3::IDENTITY };
-    let square = |n: DVec3| n.length() * if n.normalize_or_zero().dot(x).abs() < 0.05 { 1.0 } else { 0.0 };
-    let across = largest(&square).map(|n| n - x * n.dot(x)).and_then(DVec3::try_normalize);
-    let y = across.unwrap_or_else(|| x.any_orthonormal_vector());
+    let square = |n: DVec3| n.length() * if n.normalize_or_zero().dot(x).abs() < SMALL_ANGLE { 1.0 } else { 0.0 };
+    // What is left of a parallel normal is rounding, in any direction: no axis.
+    let across = largest(&square)
+        .map(|n| (n, n - x * n.dot(x)))
+        .filter(|(n, across)| across.length() > SMALL_ANGLE * n.length())
+        .and_then(|(_, across)| across.try_normalize());
+    let y = across.unwrap_or_else(|| outline_axis(mesh, x));
     DMat3::from_cols(x, y, x.cross(y))
+}
+
+/// An axis square to `normal`: along an edge of the mesh's outline where that is a rectangle.
+fn outline_axis(mesh: &TriMesh, normal: DVec3) -> DVec3 {
+    let (u, v) = normal.any_orthonormal_pair();
+    let points = outline(mesh, u, v);
+    let (turn, edges) = smallest_rectangle(&points);
+    if area(&points) < RECTANGLE * edges.x * edges.y {
+        return normal.any_orthonormal_vector();
+    }
+    (u * libm::cos(turn) + v * libm::sin(turn)).normalize()
+}
+
+fn sorted(lengths: DVec3) -> [f64; 3] {
+    let mut lengths = lengths.to_array();
+    lengths.sort_by(f64::total_cmp);
+    lengths
+}
+
+/// The hull of a mesh's corners in the plane of two axes.
+fn outline(mesh: &TriMesh, u: DVec3, v: DVec3) -> Vec<DVec2> {
+    let points: Vec<DVec2> = mesh.points.iter().map(|p| DVec2::new(p.dot(u), p.dot(v))).collect();
+    convex_hull(&points)
+}
+
+/// Of a polygon, counter-clockwise.
+fn area(outline: &[DVec2]) -> f64 {
+    let pairs = outline.iter().zip(outline.iter().cycle().skip(1));
+    pairs.map(|(a, b)| a.perp_dot(*b)).sum::<f64>() / 2.0
 }
 
 fn point_inertia(mesh: &TriMesh) -> DMat3 {

@@ -2,7 +2,7 @@
 
 use cairn_geometry::interior::Surplus;
 use cairn_geometry::mesh::{TriMesh, tetrahedron_volume};
-use cairn_geometry::{MOST_ITERATIONS, TOLERANCE};
+use cairn_geometry::{MOST_ITERATIONS, SINGLE_PRECISION, TOLERANCE};
 use glam::{DMat3, DQuat, DVec3};
 
 /// Mass properties at density 1, in the mesh's frame.
@@ -22,7 +22,9 @@ impl Moments {
     pub fn are_of_a_body(&self, bounds: (DVec3, DVec3)) -> bool {
         let (moments, _) = principal(self.inertia);
         let sum = moments.element_sum();
-        let is_inside = self.center.cmpge(bounds.0).all() && self.center.cmple(bounds.1).all();
+        // That of a sheet is in its plane, up to rounding.
+        let rounding = DVec3::splat(SINGLE_PRECISION * bounds.0.distance(bounds.1));
+        let is_inside = self.center.cmpge(bounds.0 - rounding).all() && self.center.cmple(bounds.1 + rounding).all();
         // No moment exceeds the sum of the two others, up to rounding: a needle's smallest is nearly zero.
         is_inside && sum > 0.0 && moments.max_element() <= sum * (0.5 + TOLERANCE)
     }

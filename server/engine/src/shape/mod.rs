@@ -7,6 +7,7 @@ mod bare;
 mod choose;
 mod convex;
 mod corners;
+mod deviation;
 mod enclose;
 mod facets;
 mod fit;
@@ -16,6 +17,8 @@ mod lanes;
 mod mass;
 mod nest;
 mod outer;
+#[cfg(test)]
+mod random_props;
 mod round;
 mod size;
 mod skeleton;
@@ -306,11 +309,7 @@ impl Solid {
     pub fn meshes(&self) -> Vec<TriMesh> {
         let hull = |points: Vec<DVec3>| convex::hull_mesh(&points);
         match self {
-            Solid::Box(OrientedBox { center, rotation, half }) => {
-                let sign = |corner: usize, axis: usize| if corner >> axis & 1 == 0 { -1.0 } else { 1.0 };
-                let at = |corner| DVec3::new(sign(corner, 0), sign(corner, 1), sign(corner, 2)) * *half;
-                vec![hull((0..8).map(|corner| *center + *rotation * at(corner)).collect())]
-            }
+            Solid::Box(b) => vec![hull(b.corners().collect())],
             Solid::Ball { center, radius } => vec![hull(sphere().map(|p| *center + p * *radius).collect())],
             Solid::Convex(parts) => parts.iter().map(|part| convex::hull_mesh(part)).collect(),
         }

@@ -42,9 +42,9 @@ pub fn encode(bake: &BakedPile, scene: &ExportScene) -> Result<Encoded, ExportEr
     tops.extend(file.fixed());
     let PhysicsFile { mut glb, surfaces, shapes, .. } = file;
     let materials: Vec<Value> = (surfaces.iter())
-        .map(|friction| {
+        .map(|[friction, restitution]| {
             json!({
-                "staticFriction": friction, "dynamicFriction": friction, "restitution": 0.0,
+                "staticFriction": friction, "dynamicFriction": friction, "restitution": restitution,
                 "frictionCombine": "average",
             })
         })
@@ -64,8 +64,8 @@ struct PhysicsFile<'a> {
     scene: &'a ExportScene<'a>,
     names: Vec<String>,
     masses: MassModel<'a>,
-    /// Friction coefficients of the materials.
-    surfaces: Vec<f64>,
+    /// Coefficients of friction and restitution of the materials; pairs have the means of the latter by default.
+    surfaces: Vec<[f64; 2]>,
     shapes: Vec<Value>,
     /// Of each prop.
     parts: BTreeMap<usize, Vec<Part>>,
@@ -131,7 +131,7 @@ impl PhysicsFile<'_> {
             "translation": (-solid.pivot * scale).to_array(),
         });
         let mut children = vec![self.glb.out.push("nodes", look)];
-        let surface = self.surface(solid.friction);
+        let surface = self.surface(solid.friction, solid.restitution);
         for (number, Part { place, geometry }) in self.parts(prop, solid).into_iter().enumerate() {
             let mut node = Object::from_iter([
                 ("name".to_owned(), json!(format!("{name}.{number}"))),
@@ -177,10 +177,11 @@ impl PhysicsFile<'_> {
         parts
     }
 
-    /// The material of a friction coefficient.
-    fn surface(&mut self, friction: f64) -> usize {
-        self.surfaces.iter().position(|&known| known == friction).unwrap_or_else(|| {
-            self.surfaces.push(friction);
+    /// The material of these coefficients.
+    fn surface(&mut self, friction: f64, restitution: f64) -> usize {
+        let surface = [friction, restitution];
+        self.surfaces.iter().position(|&known| known == surface).unwrap_or_else(|| {
+            self.surfaces.push(surface);
             self.surfaces.len() - 1
         })
     }
@@ -190,7 +191,7 @@ impl PhysicsFile<'_> {
         let mut children = Vec::new();
         let world = self.bake.world;
         if let Some(height) = world.ground {
-            let (size, surface) = (GROUND * world.diameter, self.surface(world.ground_friction));
+            let (size, surface) = (GROUND * world.diameter, self.surface(world.ground_friction, 0.0));
             self.shapes.push(json!({ "type": "box", "box": { "size": size.to_array() } }));
             let geometry = json!({ "shape": self.shapes.len() - 1 });
             let middle = [0.0, height - size.y / 2.0, 0.0];
@@ -200,7 +201,7 @@ impl PhysicsFile<'_> {
         }
         for SceneryCollider { piece, mesh, friction } in SceneryCollider::all(self.bake, self.scene) {
             let name = format!("scenery.{piece}");
-            let surface = self.surface(friction);
+            let surface = self.surface(friction, 0.0);
             let mesh = self.glb.mesh(&name, &mesh);
             let extensions = collider(&json!({ "mesh": mesh }), surface);
             children.push(self.glb.out.push("nodes", json!({ "name": name, "extensions": extensions })));

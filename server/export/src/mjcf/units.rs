@@ -66,7 +66,7 @@ impl ModelUnits {
         let mut last = bake.last_frame();
         let moved = |pose: &mut Pose| pose.translation *= factor;
         last.frames.iter_mut().chain(&mut last.scenery).flatten().for_each(moved);
-        for BakedSolid { pivot, center, mass, inertia, friction: _, solid } in &mut last.solids {
+        for BakedSolid { pivot, center, mass, inertia, friction: _, restitution: _, solid } in &mut last.solids {
             *pivot *= factor;
             *center *= factor;
             *mass *= factor;

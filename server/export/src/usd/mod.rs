@@ -33,6 +33,7 @@ mod origin;
 mod physics;
 mod sound;
 mod stage;
+mod text;
 mod textures;
 mod to_gltf;
 

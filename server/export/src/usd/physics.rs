@@ -76,7 +76,7 @@ pub fn write(
             layer.attribute(&prim, "float3 physics:diagonalInertia", vector(principal / (unit * unit)));
             layer.attribute(&prim, "quatf physics:principalAxes", quaternion(layout.turn() * turn));
         }
-        surfaces.bind(layer, &prim, solid.friction);
+        surfaces.bind(layer, &prim, [solid.friction, solid.restitution]);
         let collision = layer.prim(&prim, "Collision", "Xform");
         layer.refer(&collision, "", Some(hulls[&prop].as_str()));
         layer.attribute(&collision, "uniform token purpose", Token::from("guide"));
@@ -101,7 +101,7 @@ pub fn write(
             triangles(layer, &prim, mesh);
             layer.attribute(&prim, "uniform token physics:approximation", Token::from("none"));
             layer.attribute(&prim, "uniform token purpose", Token::from("guide"));
-            surfaces.bind(layer, &prim, *friction);
+            surfaces.bind(layer, &prim, [*friction, 0.0]);
         }
     }
     let dots = bake.glue.iter().flat_map(|glue| &glue.dots).filter(|dot| !dot.is_broken);
@@ -122,19 +122,22 @@ fn pose_prim(layer: &mut Layer, prim: &Path, pose: Pose) {
     layer.order(prim, &["xformOp:translate", "xformOp:orient"]);
 }
 
-/// Materials of colliders, one for each friction.
+/// Materials of colliders, one for each friction and restitution.
 struct Surfaces {
     scope: Path,
-    known: BTreeMap<u64, Path>,
+    known: BTreeMap<[u64; 2], Path>,
 }
 
 impl Surfaces {
-    fn bind(&mut self, layer: &mut Layer, prim: &Path, friction: f64) {
-        let material = self.known.entry(friction.to_bits()).or_insert_with(|| {
+    fn bind(&mut self, layer: &mut Layer, prim: &Path, [friction, restitution]: [f64; 2]) {
+        let material = self.known.entry([friction, restitution].map(f64::to_bits)).or_insert_with(|| {
             let material = layer.prim(&self.scope, "Surface", "Material");
             layer.apply_all(&material, &["PhysicsMaterialAPI"]);
             for name in ["staticFriction", "dynamicFriction"] {
                 layer.attribute(&material, &format!("float physics:{name}"), friction as f32);
+            }
+            if restitution > 0.0 {
+                layer.attribute(&material, "float physics:restitution", restitution as f32);
             }
             material
         });
@@ -222,7 +225,7 @@ fn ground(layer: &mut Layer, top: &Path, bake: &BakedPile, height: f64, surfaces
     layer.attribute(&prim, "float3[] extent", vec![vector(-corner), vector(corner)]);
     layer.attribute(&prim, "uniform token purpose", Token::from("guide"));
     layer.transform(&prim, DAffine3::from_translation(layout.place(DVec3::Y * height)));
-    surfaces.bind(layer, &prim, bake.world.ground_friction);
+    surfaces.bind(layer, &prim, [bake.world.ground_friction, 0.0]);
     prim
 }
 

@@ -6,12 +6,14 @@ mod tests;
 
 use super::arcs::{LayerArcs, Layers, SiteCount};
 use super::sound::{DAMAGED, check_file, file_in, first_file, is_sound, open_package};
-use super::{CRATE, TEXT, ZIP, is_usd};
+use super::to_gltf::number;
+use super::{CRATE, TEXT, ZIP, is_usd, text};
 use cairn_gltf::Resolver as Files;
 use cairn_gltf::media::media_type;
 use openusd::ar::{Asset, ResolvedPath, Resolver};
-use openusd::sdf::{Path, Specifier, TimeSampleMap, Value};
-use openusd::usd;
+use openusd::gf::f16;
+use openusd::sdf::{FieldKey, Path, Specifier, TimeSampleMap, Value};
+use openusd::usd::{self, Attribute, TimeCode};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::io::{Cursor, Error, ErrorKind};
@@ -154,15 +156,56 @@ impl ComposedStage {
         self.stage.attribute(path.clone()).get_metadata::<Value>(key).ok()?
     }
 
-    /// The value of an attribute that does not change with time.
-    pub fn value(&self, prim: &Path, name: &str) -> Option<Value> {
+    /// The value of an attribute at a time code: between samples where they lead, before the first one and after the
+    /// last one theirs. Of the opinions of all layers the strongest counts, of one layer samples before the default.
+    pub fn value(&self, prim: &Path, name: &str, time: f64) -> Option<Value> {
         self.may_compose(prim).then_some(())?;
-        self.stage.attribute(prim.append_property(name).ok()?).get::<Value>().ok()?
+        let attribute = self.stage.attribute(prim.append_property(name).ok()?);
+        let value = match self.is_sampled(&attribute) {
+            true => {
+                let value = attribute.get_at::<Value>(TimeCode::new(time)).ok()?;
+                value.or_else(|| self.held(&attribute, time)).map(|value| match value {
+                    Value::Int64(_) | Value::Double(_) => between(&attribute, time).unwrap_or(value),
+                    value => value,
+                })
+            }
+            false => attribute.get::<Value>().ok()?,
+        };
+        value.filter(is_some)
     }
 
+    /// The samples of an attribute, without those that take its value away. `None` where it does not change with time.
     pub fn samples(&self, prim: &Path, name: &str) -> Option<TimeSampleMap> {
         self.may_compose(prim).then_some(())?;
-        self.stage.time_samples(prim.append_property(name).ok()?).ok()?
+        let attribute = self.stage.attribute(prim.append_property(name).ok()?);
+        let times = self.is_sampled(&attribute).then(|| attribute.time_sample_times().ok())??;
+        let samples = match attribute.time_samples().ok()? {
+            Some(samples) => samples,
+            // They are in clips.
+            None => times.into_iter().filter_map(|time| Some((time, self.value(prim, name, time)?))).collect(),
+        };
+        Some(samples.into_iter().filter(|(_, value)| is_some(value)).collect())
+    }
+
+    /// The value of the last sample before a time, if the next one takes the value away.
+    fn held(&self, attribute: &Attribute, time: f64) -> Option<Value> {
+        let samples = attribute.time_samples().ok()??;
+        samples.into_iter().take_while(|(at, _)| *at <= time).last().map(|(_, value)| value)
+    }
+
+    /// Whether samples are the strongest opinion about an attribute.
+    fn is_sampled(&self, attribute: &Attribute) -> bool {
+        if !attribute.num_time_samples().is_ok_and(|count| count > 0) {
+            return false;
+        }
+        let Ok(stack) = attribute.property_stack() else { return true };
+        let strongest = stack.into_iter().find_map(|(layer, path)| {
+            let layer = self.stage.layer(&layer)?;
+            let has = |key: FieldKey| layer.data().has_field(&path, key.as_str());
+            // Of one layer, samples count before the default.
+            if has(FieldKey::TimeSamples) { Some(true) } else { has(FieldKey::Default).then_some(false) }
+        });
+        strongest.unwrap_or(true)
     }
 
     /// Targets of a relationship; where one is another relationship, its targets.
@@ -342,7 +385,10 @@ impl Resolver for TableResolver {
             table.opened += bytes.len();
             bytes
         };
-        if is_sound(&bytes) { Ok(Box::new(Cursor::new(bytes))) } else { Err(Error::other(DAMAGED)) }
+        if !is_sound(&bytes) {
+            return Err(Error::other(DAMAGED));
+        }
+        Ok(Box::new(Cursor::new(if bytes.starts_with(CRATE) { bytes } else { text::readable(bytes) })))
     }
 
     fn get_modification_timestamp(&self, _: &str, _: &ResolvedPath) -> Option<std::time::SystemTime> {
@@ -391,10 +437,33 @@ fn join(from: &str, path: &str) -> String {
     parts.join("/")
 }
 
+/// The number of an attribute between samples, of which the reader takes those in text for integers that look like one:
+/// it does not lead from them to the next.
+fn between(attribute: &Attribute, time: f64) -> Option<Value> {
+    let kind = attribute.type_name().ok()??;
+    if !["half", "float", "double"].contains(&kind.as_str()) {
+        return None;
+    }
+    let samples = attribute.time_samples().ok()??;
+    let numbers: Vec<(f64, f64)> = samples.into_iter().filter_map(|(at, value)| Some((at, number(value)?))).collect();
+    let next = numbers.partition_point(|(at, _)| *at <= time);
+    let (before, after) = (numbers.get(next.saturating_sub(1))?, numbers.get(next).or(numbers.last())?);
+    let share = if after.0 > before.0 { ((time - before.0) / (after.0 - before.0)).max(0.0) } else { 0.0 };
+    let number = before.1 + (after.1 - before.1) * share;
+    Some(if kind == "half" { Value::Half(f16::from_f64(number)) } else { Value::Double(number) })
+}
+
+/// Whether it is a value, and none that takes one away.
+fn is_some(value: &Value) -> bool {
+    !matches!(value, Value::ValueBlock | Value::None)
+}
+
 /// A token as text.
 pub fn token(value: Option<Value>) -> Option<String> {
     match value? {
         Value::Token(token) => Some(token.as_str().to_owned()),
+        // A sample in text.
+        Value::String(text) => Some(text),
         _ => None,
     }
 }

@@ -1,12 +1,17 @@
 //! A stage as a `.glb`, for the bake and for what shows results. Long: its parts share the state of one walk.
 //!
 //! It has meshes, base colours, and the motion of instances and of prims, as composed, with the variants that are
-//! selected. Subdivision, skins, and materials other than `UsdPreviewSurface` are not there, which is noted.
+//! selected. A part of a stage, for a bake, stands still, as at the start. Subdivision, skins, and materials other than
+//! `UsdPreviewSurface` are not there, which is noted.
 
+mod instances;
 mod mesh;
+#[cfg(test)]
+mod small_files;
 mod surface;
 #[cfg(test)]
 mod tests;
+mod transform;
 mod values;
 
 use super::super::copy::GlbOutput;
@@ -14,11 +19,11 @@ use super::super::{ORIGIN, glb};
 use super::stage::{self, ComposedStage};
 use cairn_gltf::Resolver;
 use cairn_gltf::document::Object;
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3};
 use openusd::sdf::{FieldKey, Path, Value};
 use serde_json::json;
 use std::collections::{BTreeMap, BTreeSet, HashSet};
-use values::{number, quaternion, quaternions, vector, vectors};
+pub(super) use values::number;
 
 /// Nodes of the result of small files, and bytes of files for each further one: nodes take a kilobyte while they are
 /// made. More than any pile has.
@@ -49,7 +54,7 @@ pub struct ConvertedStage {
 pub struct StagePart {
     /// The name of the scene in the `.glb`.
     pub scene: String,
-    /// The prims that make it up.
+    /// The prims that make it up; none where a reference to them would not be in its place.
     pub prims: Vec<PartPrim>,
     /// A reference to the file without a prim takes it.
     pub is_default: bool,
@@ -93,19 +98,50 @@ pub fn convert(bytes: &[u8], resolve: &Resolver, parts: &[PartChoice]) -> Result
 /// Values by their time codes, the first at the start of the stage or before.
 type Samples<T> = Vec<(f64, T)>;
 
+/// Shapes without meshes.
+const NO_MESHES: [&str; 14] = [
+    "Sphere",
+    "Cube",
+    "Cone",
+    "Cylinder",
+    "Cylinder_1",
+    "Capsule",
+    "Capsule_1",
+    "Plane",
+    "NurbsPatch",
+    "TetMesh",
+    "BasisCurves",
+    "NurbsCurves",
+    "HermiteCurves",
+    "Points",
+];
+
+/// What a prim takes from those above it.
+#[derive(Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct Inherited {
+    material: Option<Path>,
+    purpose: Option<String>,
+}
+
 struct Converter<'a> {
     stage: &'a ComposedStage,
     out: GlbOutput,
     nodes: usize,
+    /// What prims take that move in other ways than glTF's.
+    work: usize,
     /// Those that were looked at.
     prims: HashSet<Path>,
     /// Start, end and number per second of the time codes.
     clock: [f64; 3],
+    /// All stands still, as at the start.
+    is_still: bool,
+    /// Nodes of prims whose place does not depend on the prims above them.
+    resets: Vec<usize>,
     meshes: BTreeMap<String, Option<usize>>,
     /// Bytes that were read for them.
     mesh_bytes: usize,
-    /// What a prototype became with a material where it was shown first.
-    prototypes: BTreeMap<(Path, Option<Path>), Copied>,
+    /// What a prototype became where it was shown first, with what it took from above.
+    prototypes: BTreeMap<(Path, Inherited), Copied>,
     materials: BTreeMap<String, Option<usize>>,
     images: BTreeMap<String, usize>,
     times: BTreeMap<Vec<u64>, usize>,
@@ -118,7 +154,7 @@ struct Converter<'a> {
 /// Nodes and channels of a prototype, which are made again for each further instance.
 #[derive(Clone)]
 struct Copied {
-    top: Option<usize>,
+    tops: Vec<usize>,
     nodes: std::ops::Range<usize>,
     channels: std::ops::Range<usize>,
 }
@@ -129,8 +165,11 @@ impl<'a> Converter<'a> {
             stage,
             out: GlbOutput::default(),
             nodes: 0,
+            work: 0,
             prims: HashSet::new(),
             clock: [0.0, 0.0, 24.0],
+            is_still: false,
+            resets: Vec::new(),
             meshes: BTreeMap::new(),
             mesh_bytes: 0,
             prototypes: BTreeMap::new(),
@@ -151,6 +190,7 @@ impl<'a> Converter<'a> {
         let end = number(FieldKey::EndTimeCode.as_str()).filter(|end| *end >= start).unwrap_or(start);
         let unit = number("metersPerUnit").filter(|unit| *unit > 0.0 && unit.is_finite()).unwrap_or(0.01);
         self.clock = [start, end, rate.unwrap_or(24.0)];
+        self.is_still = !choices.is_empty();
         let turn = match stage::token(self.field(&root, "upAxis")).as_deref() {
             Some("Z") => DQuat::from_rotation_x(-std::f64::consts::FRAC_PI_2),
             _ => DQuat::IDENTITY,
@@ -161,8 +201,9 @@ impl<'a> Converter<'a> {
         if choices.is_empty() {
             let mut tops = Vec::new();
             for child in self.stage.children(&root) {
-                tops.extend(self.prim(&child, None, 0)?);
+                tops.extend(self.prim(&child, Inherited::default(), 0)?);
             }
+            tops.append(&mut self.resets);
             if tops.is_empty() {
                 return Err("it shows no meshes".into());
             }
@@ -260,29 +301,42 @@ impl<'a> Converter<'a> {
                 None => (self.stage.children(&root), false),
             },
         };
-        let (mut tops, mut placed) = (Vec::new(), Vec::new());
+        let (mut tops, mut placed, mut can_refer) = (Vec::new(), Vec::new(), true);
         for prim in prims {
-            let mut above = to_world;
-            let mut material = None;
             let mut ancestors: Vec<Path> = std::iter::successors(prim.parent(), Path::parent).collect();
             ancestors.retain(|ancestor| !ancestor.is_abs_root());
+            let mut above = Inherited::default();
+            let mut place = to_world;
             for ancestor in ancestors.iter().rev() {
-                above *= self.matrix(ancestor)?;
-                material = self.binding(ancestor).or(material);
+                place = self.place(ancestor)?.below(place, to_world);
+                above.material = self.binding(ancestor).or(above.material);
+                above.purpose = self.purpose(ancestor).or(above.purpose);
             }
+            let own = self.place(&prim)?;
+            let mut world = to_world;
             if choice.at_origin && choice.prim.is_some() {
-                let origin = (above * self.matrix(&prim)?).w_axis.truncate();
-                above = DMat4::from_translation(-origin) * above;
+                let shift = DMat4::from_translation(-own.below(place, to_world).w_axis.truncate());
+                (place, world) = (shift * place, shift * world);
             }
-            if let Some(node) = self.prim(&prim, material.as_ref(), 0)? {
-                let is_still = above == DMat4::IDENTITY;
-                let placing = json!({ "name": "stage", "children": [node], "matrix": above.to_cols_array() });
-                tops.push(if is_still { node } else { self.node(placing)? });
+            let nodes = self.prim(&prim, above, 0)?;
+            let resets = std::mem::take(&mut self.resets);
+            // What is taken by reference keeps its places, of which these are not below the reference.
+            let is_whole = resets.is_empty() && ancestors.iter().all(|above| !self.steps(above).resets);
+            for (nodes, matrix) in [(Vec::from_iter(nodes), place), (resets, world)] {
+                if nodes.is_empty() {
+                    continue;
+                }
+                if matrix == DMat4::IDENTITY {
+                    tops.extend(nodes);
+                } else {
+                    let placing = json!({ "name": "stage", "children": nodes, "matrix": matrix.to_cols_array() });
+                    tops.push(self.node(placing)?);
+                }
             }
+            can_refer &= is_whole;
             let whole = self.holder(&prim);
-            let mut place = above;
             for ancestor in ancestors.iter().take_while(|_| whole != prim) {
-                place *= self.matrix(ancestor)?.inverse();
+                place *= self.place(ancestor)?.matrix.inverse();
                 if *ancestor == whole {
                     break;
                 }
@@ -296,7 +350,8 @@ impl<'a> Converter<'a> {
                 None => "it shows no meshes".into(),
             });
         }
-        let part = StagePart { scene, prims: placed, is_default };
+        let prims = if can_refer { placed } else { Vec::new() };
+        let part = StagePart { scene, prims, is_default };
         Ok((json!({ "name": part.scene, "nodes": tops }), part))
     }
 
@@ -319,17 +374,23 @@ impl<'a> Converter<'a> {
         Ok(())
     }
 
-    /// The node of a prototype and of all below it, made once with each material and then copied.
-    fn prototype(&mut self, prim: &Path, above: Option<&Path>, level: usize) -> Result<Option<usize>, String> {
-        let key = (prim.clone(), above.cloned());
-        let Some(Copied { top, nodes, channels }) = self.prototypes.get(&key).cloned() else {
+    /// The nodes of a prototype, made once with all that it takes from above and then copied: the topmost one, and those
+    /// whose place does not depend on it.
+    fn prototype(&mut self, prim: &Path, above: &Inherited, level: usize) -> Result<Vec<usize>, String> {
+        let key = (prim.clone(), above.clone());
+        let Some(Copied { tops, nodes, channels }) = self.prototypes.get(&key).cloned() else {
             let [nodes, channels] = [self.nodes, self.channels.len()];
-            let top = self.prim(prim, above, level)?;
-            let made = Copied { top, nodes: nodes..self.nodes, channels: channels..self.channels.len() };
+            let outside = std::mem::take(&mut self.resets);
+            let mut tops = Vec::from_iter(self.prim(prim, above.clone(), level)?);
+            tops.append(&mut self.resets);
+            self.resets = outside;
+            let made = Copied { tops: tops.clone(), nodes: nodes..self.nodes, channels: channels..self.channels.len() };
             self.prototypes.insert(key, made);
-            return Ok(top);
+            return Ok(tops);
         };
-        let Some(top) = top else { return Ok(None) };
+        if tops.is_empty() {
+            return Ok(tops);
+        }
         let by = self.nodes - nodes.start;
         let move_on = |number: &mut serde_json::Value| {
             if let Some(index) = number.as_u64() {
@@ -346,33 +407,32 @@ impl<'a> Converter<'a> {
             channel.pointer_mut("/target/node").into_iter().for_each(move_on);
             self.channels.push(channel);
         }
-        Ok(Some(top + by))
+        Ok(tops.into_iter().map(|top| top + by).collect())
     }
 
     fn field(&self, path: &Path, key: &str) -> Option<Value> {
         self.stage.field(path, key)
     }
 
-    /// The value of an attribute; of one that changes with time, the first from the start of the stage on.
+    /// The value of an attribute at the start of the stage.
     fn value(&self, prim: &Path, name: &str) -> Option<Value> {
-        let value = self.stage.value(prim, name);
-        value.or_else(|| self.samples(prim, name, Some)?.into_iter().next().map(|(_, value)| value))
+        self.stage.value(prim, name, self.clock[0])
     }
 
     fn token(&self, prim: &Path, name: &str) -> Option<String> {
         stage::token(self.value(prim, name))
     }
 
-    /// The samples of an attribute from the start of the stage on; of one that does not change, one.
+    /// The samples of an attribute from the start of the stage on, the first one at it; one where it does not change,
+    /// or all stands still.
     fn samples<T>(&self, prim: &Path, name: &str, read: impl Fn(Value) -> Option<T>) -> Option<Samples<T>> {
         let start = self.clock[0];
-        let Some(samples) = self.stage.samples(prim, name).filter(|samples| !samples.is_empty()) else {
-            return Some(vec![(start, read(self.stage.value(prim, name)?)?)]);
-        };
-        // What is there at the start was set before it.
-        let first = samples.partition_point(|(time, _)| *time <= start).saturating_sub(1);
-        let samples = samples.into_iter().skip(first).map(|(time, value)| Some((time.max(start), read(value)?)));
-        samples.collect::<Option<Vec<_>>>().filter(|samples| !samples.is_empty())
+        let mut all = vec![(start, read(self.value(prim, name)?)?)];
+        let later = if self.is_still { None } else { self.stage.samples(prim, name) };
+        for (time, value) in later.into_iter().flatten().filter(|(time, _)| *time > start) {
+            all.push((time, read(value)?));
+        }
+        Some(all)
     }
 
     fn kind(&self, prim: &Path) -> String {
@@ -389,8 +449,13 @@ impl<'a> Converter<'a> {
         self.left_out.entry(what).or_default().insert(prim.as_str().to_owned());
     }
 
-    /// The node of a prim and of all below it, if it shows anything. `above`: the material of what has none.
-    fn prim(&mut self, prim: &Path, above: Option<&Path>, level: usize) -> Result<Option<usize>, String> {
+    /// The purpose that a prim states.
+    fn purpose(&self, prim: &Path) -> Option<String> {
+        self.token(prim, "purpose")
+    }
+
+    /// The node of a prim and of all below it, if it shows anything below the prims above.
+    fn prim(&mut self, prim: &Path, above: Inherited, level: usize) -> Result<Option<usize>, String> {
         if level > MOST_LEVELS {
             return Err(format!("{}: prims are nested too deeply", prim.as_str()));
         }
@@ -402,26 +467,30 @@ impl<'a> Converter<'a> {
         }
         let kind = self.kind(prim);
         let is_off = matches!(self.field(prim, FieldKey::Active.as_str()), Some(Value::Bool(false)));
-        let is_hidden = self.token(prim, "visibility").is_some_and(|seen| seen == "invisible");
-        let is_aid = self.token(prim, "purpose").is_some_and(|purpose| purpose == "guide" || purpose == "proxy");
-        if is_off || is_hidden || is_aid || ["Material", "Shader", "GeomSubset", "Camera"].contains(&&*kind) {
+        let seen = self.seen(prim);
+        if is_off || seen.iter().all(|(_, is_seen)| !is_seen) || ["Material", "Shader", "GeomSubset"].contains(&&*kind)
+        {
             return Ok(None);
         }
-        let own = self.binding(prim);
-        let material = own.as_ref().or(above);
+        let inherited = Inherited {
+            material: self.binding(prim).or(above.material),
+            purpose: self.purpose(prim).or(above.purpose),
+        };
+        let is_aid = inherited.purpose.as_deref().is_some_and(|purpose| purpose == "guide" || purpose == "proxy");
         let mut node = Object::from_iter([("name".to_owned(), json!(prim.name().unwrap_or_default()))]);
         let mut children = Vec::new();
         match &*kind {
+            _ if is_aid => {}
             "Mesh" => {
-                if let Some(mesh) = self.mesh(prim, material)? {
+                if let Some(mesh) = self.mesh(prim, inherited.material.as_ref())? {
                     node.insert("mesh".into(), json!(mesh));
                 }
             }
-            "Sphere" | "Cube" | "Cone" | "Cylinder" | "Capsule" | "Plane" | "NurbsPatch" => {
+            kind if NO_MESHES.contains(&kind) => {
                 self.note("it has shapes that are no meshes, which are left out: save them as meshes", prim);
             }
             "PointInstancer" => {
-                children = self.instances(prim, material, level)?;
+                children = self.instances(prim, &inherited, level)?;
                 // A result of ours: its bodies are what the renderer calls the pile.
                 if self.is_ours(prim) {
                     let [start, end, rate] = self.clock;
@@ -429,13 +498,13 @@ impl<'a> Converter<'a> {
                     node.insert("extras".into(), json!({ "fps": rate, "frames": (end - start).round() as u64 + 1 }));
                 }
             }
-            _ => {
-                if kind == "SkelRoot" {
-                    self.note("its skeleton is left out: meshes have their rest pose", prim);
-                }
-                for child in self.stage.children(prim) {
-                    children.extend(self.prim(&child, material, level + 1)?);
-                }
+            "SkelRoot" => self.note("its skeleton is left out: meshes have their rest pose", prim),
+            _ => {}
+        }
+        // What is below an instancer shows as its prototypes alone. Meshes may have prims below them, too.
+        if kind != "PointInstancer" {
+            for child in self.stage.children(prim) {
+                children.extend(self.prim(&child, inherited.clone(), level + 1)?);
             }
         }
         if children.is_empty() && !node.contains_key("mesh") {
@@ -444,10 +513,30 @@ impl<'a> Converter<'a> {
         if !children.is_empty() {
             node.insert("children".into(), json!(children));
         }
-        let place = self.node(serde_json::Value::Null)?;
-        self.transform(prim, &mut node, place)?;
+        let mut place = self.node(serde_json::Value::Null)?;
+        let resets = self.transform(prim, &mut node, place)?;
         self.out.set("nodes", place, node);
+        if seen.iter().any(|(_, is_seen)| *is_seen != seen[0].1) {
+            let name = json!({ "name": format!("{} seen", prim.name().unwrap_or_default()), "children": [place] });
+            place = self.node(serde_json::Value::Null)?;
+            let sizes: Samples<[f32; 3]> =
+                seen.into_iter().map(|(time, is_seen)| (time, [f32::from(u8::from(is_seen)); 3])).collect();
+            let mut shown = name;
+            shown["scale"] = json!(sizes[0].1);
+            self.channel(place, "scale", "STEP", &sizes);
+            self.out.set("nodes", place, shown);
+        }
+        if resets {
+            self.resets.push(place);
+            return Ok(None);
+        }
         Ok(Some(place))
+    }
+
+    /// When a prim can be seen, from the start on.
+    fn seen(&self, prim: &Path) -> Samples<bool> {
+        let seen = self.samples(prim, "visibility", |value| stage::token(Some(value)).map(|seen| seen != "invisible"));
+        seen.unwrap_or_else(|| vec![(self.clock[0], true)])
     }
 
     /// Whether a prim has the bodies of a result of ours.
@@ -455,169 +544,6 @@ impl<'a> Converter<'a> {
         let data = self.field(&Path::abs_root(), FieldKey::CustomLayerData.as_str());
         let top = self.stage.default_prim().and_then(|top| top.append_path("Bodies").ok());
         matches!(data, Some(Value::Dictionary(data)) if data.contains_key(ORIGIN)) && top.as_ref() == Some(prim)
-    }
-
-    /// The transform of a prim, as at the start.
-    fn matrix(&self, prim: &Path) -> Result<DMat4, String> {
-        let Some(Value::TokenVec(order)) = self.value(prim, "xformOpOrder") else { return Ok(DMat4::IDENTITY) };
-        let mut all = DMat4::IDENTITY;
-        for op in &order {
-            let op = op.as_str();
-            all *= self.op(prim, op).ok_or_else(|| format!("{}: {op} is not read", prim.as_str()))?;
-        }
-        Ok(all)
-    }
-
-    /// The transform of a prim: parts that may move, where it has the usual ones, else a matrix.
-    fn transform(&mut self, prim: &Path, node: &mut Object, place: usize) -> Result<(), String> {
-        let Some(Value::TokenVec(order)) = self.value(prim, "xformOpOrder") else { return Ok(()) };
-        let order: Vec<&str> = order.iter().map(|op| op.as_str()).collect();
-        let usual = ["xformOp:translate", "xformOp:orient", "xformOp:scale"];
-        let mut rest = &usual[..];
-        let is_usual = order.iter().all(|op| match rest.iter().position(|one| one == op) {
-            Some(at) => {
-                rest = &rest[at + 1..];
-                true
-            }
-            None => false,
-        });
-        if is_usual {
-            for (op, name) in usual.into_iter().zip(["translation", "rotation", "scale"]) {
-                if !order.contains(&op) {
-                    continue;
-                }
-                if name == "rotation" {
-                    let Some(samples) = self.samples(prim, op, quaternion) else { continue };
-                    node.insert(name.into(), json!(samples[0].1));
-                    self.channel(place, name, "LINEAR", &samples);
-                } else {
-                    let Some(samples) = self.samples(prim, op, vector) else { continue };
-                    node.insert(name.into(), json!(samples[0].1));
-                    self.channel(place, name, "LINEAR", &samples);
-                }
-            }
-            return Ok(());
-        }
-        node.insert("matrix".into(), json!(self.matrix(prim)?.to_cols_array()));
-        Ok(())
-    }
-
-    /// One step of a transform, as at the start.
-    fn op(&self, prim: &Path, op: &str) -> Option<DMat4> {
-        let (name, is_inverse) = match op.strip_prefix("!invert!") {
-            Some(name) => (name, true),
-            None => (op, false),
-        };
-        let first = |samples: Option<Samples<[f32; 3]>>| Some(DVec3::from(samples?.first()?.1.map(f64::from)));
-        let three = || first(self.samples(prim, name, vector));
-        let one = || self.samples(prim, name, number)?.first().map(|sample| sample.1.to_radians());
-        let euler = |order: [usize; 3]| {
-            let angles = three()?.to_array().map(f64::to_radians);
-            let turn = |axis: usize| match axis {
-                0 => DMat3::from_rotation_x(angles[0]),
-                1 => DMat3::from_rotation_y(angles[1]),
-                _ => DMat3::from_rotation_z(angles[2]),
-            };
-            Some(DMat4::from_mat3(turn(order[2]) * turn(order[1]) * turn(order[0])))
-        };
-        let kind = name.strip_prefix("xformOp:")?.split(':').next()?;
-        let matrix = match kind {
-            "translate" => DMat4::from_translation(three()?),
-            "scale" => DMat4::from_scale(three()?),
-            "orient" => {
-                let [x, y, z, w] = self.samples(prim, name, quaternion)?.first()?.1.map(f64::from);
-                DMat4::from_quat(DQuat::from_xyzw(x, y, z, w).normalize())
-            }
-            "transform" => match self.samples(prim, name, Some)?.into_iter().next()?.1 {
-                Value::Matrix4d(matrix) => DMat4::from_cols_array(&matrix.0),
-                _ => return None,
-            },
-            "rotateX" => DMat4::from_rotation_x(one()?),
-            "rotateY" => DMat4::from_rotation_y(one()?),
-            "rotateZ" => DMat4::from_rotation_z(one()?),
-            "rotateXYZ" => euler([0, 1, 2])?,
-            "rotateXZY" => euler([0, 2, 1])?,
-            "rotateYXZ" => euler([1, 0, 2])?,
-            "rotateYZX" => euler([1, 2, 0])?,
-            "rotateZXY" => euler([2, 0, 1])?,
-            "rotateZYX" => euler([2, 1, 0])?,
-            _ => return None,
-        };
-        let matrix = if is_inverse { matrix.inverse() } else { matrix };
-        matrix.is_finite().then_some(matrix)
-    }
-
-    /// A node for each instance, with its prototype below it.
-    fn instances(&mut self, prim: &Path, material: Option<&Path>, level: usize) -> Result<Vec<usize>, String> {
-        let wrong = |what: &str| format!("{}: {what}", prim.as_str());
-        let prototypes = self.stage.targets(prim, "prototypes");
-        let Some(Value::IntVec(indices)) = self.value(prim, "protoIndices") else {
-            return Err(wrong("it has no protoIndices that stay the same"));
-        };
-        let count = indices.len();
-        let positions = self.samples(prim, "positions", vectors).ok_or_else(|| wrong("it has no positions"))?;
-        let rotations = (self.samples(prim, "orientationsf", quaternions))
-            .or_else(|| self.samples(prim, "orientations", quaternions))
-            .unwrap_or_default();
-        let scales = self.samples(prim, "scales", vectors).unwrap_or_default();
-        let has_all = positions.iter().chain(&scales).all(|(_, all)| all.len() == count)
-            && rotations.iter().all(|(_, all)| all.len() == count);
-        if !has_all {
-            return Err(wrong("its lists are of different lengths"));
-        }
-        let of = |samples: &Samples<Vec<[f32; 3]>>, i: usize| -> Samples<[f32; 3]> {
-            samples.iter().map(|(time, all)| (*time, all[i])).collect()
-        };
-        let mut nodes = Vec::with_capacity(count);
-        for (i, index) in indices.into_iter().enumerate() {
-            let prototype = usize::try_from(index).ok().and_then(|index| prototypes.get(index));
-            let prototype = prototype.ok_or_else(|| wrong("protoIndices name a prototype that it does not have"))?;
-            let name = format!("{}.{i:04}", prototype.name().unwrap_or_default());
-            let below = self.prototype(&prototype.clone(), material, level + 1)?;
-            let mut node = Object::from_iter([("name".to_owned(), json!(name))]);
-            node.insert("children".into(), json!(below.into_iter().collect::<Vec<_>>()));
-            let place = self.node(serde_json::Value::Null)?;
-            let parts = [("translation", of(&positions, i), "LINEAR"), ("scale", of(&scales, i), "STEP")];
-            for (part, samples, interpolation) in parts {
-                if let Some((_, first)) = samples.first() {
-                    node.insert(part.into(), json!(first));
-                    self.channel(place, part, interpolation, &samples);
-                }
-            }
-            let turns: Samples<[f32; 4]> = rotations.iter().map(|(time, all)| (*time, all[i])).collect();
-            if let Some((_, first)) = turns.first() {
-                node.insert("rotation".into(), json!(first));
-                self.channel(place, "rotation", "LINEAR", &turns);
-            }
-            if below.is_none() {
-                node.remove("children");
-            }
-            self.out.set("nodes", place, node);
-            nodes.push(place);
-        }
-        Ok(nodes)
-    }
-
-    /// A channel of the animation, where anything changes.
-    fn channel<const N: usize>(&mut self, node: usize, path: &str, how: &str, samples: &Samples<[f32; N]>) {
-        if samples.iter().all(|(_, value)| *value == samples[0].1) {
-            return;
-        }
-        let [start, _, rate] = self.clock;
-        let seconds: Vec<f32> = samples.iter().map(|(time, _)| ((time - start) / rate) as f32).collect();
-        let key: Vec<u64> = samples.iter().map(|(time, _)| time.to_bits()).collect();
-        let input = match self.times.get(&key) {
-            Some(input) => *input,
-            None => {
-                let input = self.numbers(&seconds, 1, Some([&seconds[..1], &seconds[seconds.len() - 1..]]));
-                self.times.insert(key, input);
-                input
-            }
-        };
-        let values: Vec<f32> = samples.iter().flat_map(|(_, value)| *value).collect();
-        let output = self.numbers(&values, N, None);
-        self.channels.push(json!({ "sampler": self.samplers.len(), "target": { "node": node, "path": path } }));
-        self.samplers.push(json!({ "input": input, "output": output, "interpolation": how }));
     }
 
     /// An accessor of floats.

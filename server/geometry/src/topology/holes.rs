@@ -3,7 +3,7 @@
 
 use super::{Edges, area, diagonal};
 use crate::mesh::TriMesh;
-use earcut::Earcut;
+use crate::polygon::Plane;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -102,43 +102,12 @@ fn rims(mesh: &TriMesh) -> Option<Vec<Vec<u32>>> {
     Some(rims)
 }
 
-/// The plane nearest to a rim.
-struct Plane {
-    middle: DVec3,
-    /// Unit length; 0 for a rim that encloses no area.
-    normal: DVec3,
-}
-
-impl Plane {
-    /// Newell's: the normal is the sum of the areas that the rim encloses along each axis.
-    fn of(points: &[DVec3]) -> Plane {
-        let middle = points.iter().sum::<DVec3>() / points.len() as f64;
-        let pairs = points.iter().zip(points.iter().cycle().skip(1));
-        let normal: DVec3 = pairs.map(|(&a, &b)| (a - middle).cross(b - middle)).sum();
-        Plane { middle, normal: normal.normalize_or_zero() }
-    }
-
-    fn height(&self, p: DVec3) -> f64 {
-        self.normal.dot(p - self.middle)
-    }
-}
-
 /// Faces within a rim: ears of the polygon that it is in its plane; a fan from its middle where it crosses itself
 /// there.
 fn cover(mesh: &mut TriMesh, rim: &[u32], plane: &Plane, points: &[DVec3]) {
-    let (u, v) = plane.normal.try_normalize().unwrap_or(DVec3::Y).any_orthonormal_pair();
-    let flat = points.iter().map(|&p| [u.dot(p - plane.middle), v.dot(p - plane.middle)]);
-    let mut ears: Vec<u32> = Vec::new();
-    Earcut::new().earcut(flat, &[], &mut ears);
-    if ears.len() == 3 * (rim.len() - 2) {
-        // All ears face the same side: the one at the first edge shows which.
-        let runs = |a: u32, b: u32| a == 0 && b == 1;
-        let agrees = ears.chunks_exact(3).any(|t| runs(t[0], t[1]) || runs(t[1], t[2]) || runs(t[2], t[0]));
-        let number = |ear: u32| rim[ear as usize];
-        mesh.triangles.extend(ears.chunks_exact(3).map(|t| {
-            let [a, b, c] = [number(t[0]), number(t[1]), number(t[2])];
-            if agrees { [a, b, c] } else { [a, c, b] }
-        }));
+    let ears = plane.ears(points);
+    if ears.len() == rim.len() - 2 {
+        mesh.triangles.extend(ears.into_iter().map(|ear| ear.map(|corner| rim[corner as usize])));
     } else {
         let middle = mesh.points.len() as u32;
         mesh.points.push(plane.middle);

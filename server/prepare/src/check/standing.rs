@@ -29,6 +29,8 @@ pub struct Standing {
 struct Column {
     foot: f64,
     carrier: Option<Carrier>,
+    /// A surface of scenery crosses it not far above its foot: one without a back leaves the room on its other side.
+    crosses: bool,
 }
 
 /// Nodes of the grid are this much farther apart than those of the container's: this looks at the shape as a whole.
@@ -38,6 +40,8 @@ const MOST_NODES: usize = 250_000;
 const LOWEST: f64 = 0.5;
 /// If more than this share of the lowest part is above scenery, scenery carries the pile.
 const MOST: f64 = 0.5;
+/// The user is warned if more than this share of the foot of a shape that stands on scenery is above a hole in it.
+const HOLE: f64 = 0.05;
 /// The user is warned if more than this share of the foot is too steep.
 const STEEP: f64 = 0.1;
 /// Slopes face one way if their mean direction downhill, as a vector, is at least this long.
@@ -64,7 +68,7 @@ pub fn of(
     let region = MeshInterior::new(&units.mesh_to_engine(&control.mesh));
     let mut grid = DistanceGrid::new(&region, COARSER * RESOLUTION, MOST_NODES);
     let room = around.cut(&mut grid, &units, surroundings::least_radius(scene, sizes));
-    let columns = columns(&around, &grid, &units);
+    let columns = columns(&around, &grid, &units, LOWEST * diameter);
     let mut standing = Standing { room: Some(room), ..Standing::default() };
     let lowest = columns.iter().map(|column| column.foot).fold(f64::INFINITY, f64::min);
     let lowest_part = || columns.iter().filter(|column| column.foot <= lowest + LOWEST * diameter);
@@ -78,12 +82,17 @@ pub fn of(
     let ground = params.ground.then_some(standing.ground.unwrap_or(ground));
     let error = grid.spacing() * diameter / 2.0;
     standing.warnings.extend(floats(scene, &columns, ground, FLOATING * diameter + error));
+    if ground.is_none() {
+        let foot: Vec<&Column> = lowest_part().collect();
+        standing.warnings.extend(above_a_hole(scene, &foot, LOWEST * diameter));
+    }
     standing.warnings.extend(steep(scene, &columns, ground, LOWEST * diameter, shares));
     standing.around = Some(around);
     standing
 }
 
-fn columns(around: &Surroundings, grid: &DistanceGrid, units: &Units) -> Vec<Column> {
+/// `reach`: what is not far above a foot, m.
+fn columns(around: &Surroundings, grid: &DistanceGrid, units: &Units, reach: f64) -> Vec<Column> {
     let (origin, [nx, ny, nz], values) = grid.nodes();
     let h = grid.spacing();
     let mut columns = Vec::new();
@@ -97,7 +106,9 @@ fn columns(around: &Surroundings, grid: &DistanceGrid, units: &Units) -> Vec<Col
         let node = origin + DVec3::new(x as f64, first as f64, z as f64) * h;
         let foot = units.point_to_si(node - DVec3::Y * share * h);
         let carrier = around.carrier(foot + DVec3::Y * h * units.length / 2.0);
-        columns.push(Column { foot: foot.y, carrier });
+        let nearest = around.carrier(foot + DVec3::Y * reach);
+        let crosses = nearest.is_some_and(|nearest| nearest.height > foot.y);
+        columns.push(Column { foot: foot.y, carrier, crosses });
     }
     columns
 }
@@ -109,7 +120,7 @@ fn floats(scene: &Scene, columns: &[Column], ground: Option<f64>, most: f64) -> 
         column.foot - scenery.max(ground.unwrap_or(f64::NEG_INFINITY))
     };
     let (gap, column) = columns.iter().map(|c| (gap(c), c)).min_by(|a, b| a.0.total_cmp(&b.0))?;
-    if gap <= most {
+    if gap <= most || columns.iter().any(|column| column.crosses) {
         return None;
     }
     let name = scene.control.as_ref().map_or("", |model| &model.name);
@@ -127,6 +138,22 @@ fn floats(scene: &Scene, columns: &[Column], ground: Option<f64>, most: f64) -> 
         "{name}: it touches nothing: the pile starts there and falls {gap:.3} m {onto}; move the control mesh down, or \
          add scenery below it"
     ))
+}
+
+/// A foot of which a part is above a hole of the scenery that carries the rest. `most`: a gap that is none, m.
+fn above_a_hole(scene: &Scene, foot: &[&Column], most: f64) -> Option<String> {
+    let stands =
+        |column: &Column| column.crosses || column.carrier.is_some_and(|carrier| column.foot - carrier.height <= most);
+    let open = foot.iter().filter(|column| !stands(column)).count();
+    let share = open as f64 / foot.len().max(1) as f64;
+    let name = scene.control.as_ref().map_or("", |model| &model.name);
+    (share > HOLE && open < foot.len()).then(|| {
+        format!(
+            "{name}: {:.0} % of its foot is above a hole in the scenery: what is there falls, or is held by glue \
+             alone; move the control mesh, or add scenery below it",
+            100.0 * share
+        )
+    })
 }
 
 /// A foot that slides: on slopes that friction does not hold, and that do not face each other as those of a bowl do.

@@ -4,6 +4,7 @@
 //! the client cancels ends its process. What the command prints as JSON is the tool's result.
 
 mod command;
+mod lines;
 mod place;
 mod types;
 
@@ -17,6 +18,9 @@ use rmcp::service::RequestContext;
 use rmcp::transport::stdio;
 use rmcp::{Json, RoleServer, ServerHandler, ServiceExt, tool, tool_handler, tool_router};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use tokio::io::BufReader;
+use tokio::sync::Mutex;
 use types::{
     Analysis, AnalysisArgs, BakeArgs, BakeResult, CheckResult, PackArgs, PackResult, PictureResult, PlanResult,
     RankArgs, Ranking, RenderArgs, SceneArgs,
@@ -44,6 +48,8 @@ pub struct Args {
     allow: Vec<PathBuf>,
 }
 
+/// Bytes of lines on their way.
+const BUFFER: usize = 1 << 16;
 /// A larger picture is not in the answer, only its path.
 const MOST_PICTURE: usize = 1 << 20;
 
@@ -63,9 +69,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let runtime = runtime.map_err(|error| internal(&error))?;
     let done = runtime.block_on(async {
         let cairn = Cairn::new(folder, allowed).map_err(|error| internal(&error))?;
-        // A client that ends before it has said hello is no fault.
-        let Ok(server) = cairn.serve(stdio()).await else { return Ok(()) };
-        server.waiting().await.map(drop).map_err(|error| internal(&error))
+        let (input, output) = stdio();
+        let output = Arc::new(Mutex::new(output));
+        let (to_server, from_client) = tokio::io::duplex(BUFFER);
+        let (to_client, from_server) = tokio::io::duplex(BUFFER);
+        tokio::spawn(lines::pass_in(BufReader::new(input), output.clone(), to_server));
+        let answers = tokio::spawn(lines::pass_out(BufReader::new(from_server), output));
+        let done = match cairn.serve((from_client, to_client)).await {
+            Ok(server) => server.waiting().await.map(drop).map_err(|error| internal(&error)),
+            // A client that ends before it has said hello is no fault.
+            Err(_) => Ok(()),
+        };
+        // All that was answered goes out.
+        let _ = answers.await;
+        done
     });
     // A read of the standard input that is still waiting cannot be cancelled.
     runtime.shutdown_background();

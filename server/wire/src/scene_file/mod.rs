@@ -82,6 +82,10 @@ impl SceneTree {
         match values {
             Some(mut values) if checker.problems.is_empty() => {
                 let folder = path.parent().unwrap_or(Path::new(""));
+                if folder.to_str().is_none() {
+                    let what = "the name of its folder is not UTF-8 text, and the paths in it could not be found";
+                    return Err(one(what, "Rename the folder, or go into it and name the scene from there."));
+                }
                 rebase(&mut values, folder);
                 Ok(SceneTree { values, folder: folder.to_owned(), files: Disk::default() })
             }

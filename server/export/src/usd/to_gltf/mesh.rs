@@ -1,11 +1,14 @@
-//! Meshes of a stage: their faces as triangles, with normals and the first texture coordinates.
+//! Meshes of a stage: their faces as triangles, but for those that are holes, with normals and the first texture
+//! coordinates.
 
 use super::Converter;
 use super::values::{rows, vectors};
+use cairn_geometry::polygon;
 use cairn_gltf::document::Object;
+use glam::DVec3;
 use openusd::sdf::{Path, Value};
 use serde_json::json;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Names under which programs write the first texture coordinates.
 const COORDINATES: [&str; 3] = ["primvars:st", "primvars:UVMap", "primvars:map1"];
@@ -40,9 +43,7 @@ impl Converter<'_> {
 
     fn new_mesh(&mut self, prim: &Path, material: Option<&Path>) -> Result<Option<usize>, String> {
         let wrong = |what: &str| format!("{}: {what}", prim.as_str());
-        let Some(points) = self.samples(prim, "points", vectors).map(|mut samples| samples.swap_remove(0).1) else {
-            return Ok(None);
-        };
+        let Some(points) = self.value(prim, "points").and_then(vectors) else { return Ok(None) };
         let (Some(Value::IntVec(counts)), Some(Value::IntVec(corners))) =
             (self.value(prim, "faceVertexCounts"), self.value(prim, "faceVertexIndices"))
         else {
@@ -57,30 +58,38 @@ impl Converter<'_> {
             self.note("its skeleton is left out: meshes have their rest pose", prim);
         }
         let mirrored = self.token(prim, "orientation").is_some_and(|orientation| orientation == "leftHanded");
+        let holes: HashSet<usize> = match self.value(prim, "holeIndices") {
+            Some(Value::IntVec(faces)) => faces.into_iter().filter_map(|face| usize::try_from(face).ok()).collect(),
+            _ => HashSet::new(),
+        };
+        let point = |corner: i32| usize::try_from(corner).ok().and_then(|index| points.get(index));
         let (mut all, mut begin) = (Faces::default(), 0);
+        let mut positions = Vec::with_capacity(3 * corners.len());
         for (face, count) in counts.iter().enumerate() {
             let count = usize::try_from(*count).map_err(|_| wrong("a face has less than no corners"))?;
             let end = begin + count;
             if end > corners.len() {
                 return Err(wrong("its faces have more corners than faceVertexIndices"));
             }
-            for k in begin + 1..end.saturating_sub(1) {
-                let [second, third] = if mirrored { [k + 1, k] } else { [k, k + 1] };
-                all.corners.extend([begin, second, third]);
+            let own: Option<Vec<[f32; 3]>> = corners[begin..end].iter().map(|&corner| point(corner).copied()).collect();
+            let own = own.ok_or_else(|| wrong("a corner is none of its points"))?;
+            let places: Vec<DVec3> = own.iter().map(|p| DVec3::from(p.map(f64::from))).collect();
+            let triangles = if holes.contains(&face) { Vec::new() } else { polygon::triangles(&places) };
+            for [first, second, third] in triangles.into_iter().map(|t| t.map(|corner| corner as usize)) {
+                let [second, third] = if mirrored { [third, second] } else { [second, third] };
+                for corner in [first, second, third] {
+                    all.corners.push(begin + corner);
+                    positions.extend(own[corner]);
+                }
                 all.faces.extend([face; 3]);
             }
             begin = end;
-        }
-        let mut positions = Vec::with_capacity(3 * all.corners.len());
-        for &corner in &all.corners {
-            let point = usize::try_from(corners[corner]).ok().and_then(|index| points.get(index));
-            positions.extend(*point.ok_or_else(|| wrong("a corner is none of its points"))?);
         }
         if positions.is_empty() {
             return Ok(None);
         }
         let mut values = vec![CornerValues { name: "POSITION", width: 3, values: positions }];
-        values.extend(self.decoration(prim, ["normals", "primvars:normals"], ("NORMAL", 3), &all, &corners));
+        values.extend(self.decoration(prim, ["primvars:normals", "normals"], ("NORMAL", 3), &all, &corners));
         values.extend(self.decoration(prim, COORDINATES, ("TEXCOORD_0", 2), &all, &corners));
         let primitives: Vec<_> = (self.by_material(prim, material, counts.len()).into_iter())
             .filter_map(|(material, faces)| self.primitive(&values, &all, faces.as_deref(), material.as_ref()))

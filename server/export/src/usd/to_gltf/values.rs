@@ -3,11 +3,16 @@
 use openusd::gf;
 use openusd::sdf::Value;
 
+/// Rotations of single precision are no farther from length 1. Those of half precision are.
+const ROUNDING: f32 = 1e-5;
+
 pub fn number(value: Value) -> Option<f64> {
     match value {
         Value::Double(number) => Some(number),
         Value::Float(number) => Some(number.into()),
+        Value::Half(number) => Some(number.into()),
         Value::Int(number) => Some(number.into()),
+        Value::Int64(number) => Some(number as f64),
         _ => None,
     }
 }
@@ -16,6 +21,7 @@ pub fn vector(value: Value) -> Option<[f32; 3]> {
     match value {
         Value::Vec3f(v) => Some(v.into()),
         Value::Vec3d(v) => Some([v.x as f32, v.y as f32, v.z as f32]),
+        Value::Vec3h(v) => Some([v.x, v.y, v.z].map(f32::from)),
         _ => None,
     }
 }
@@ -24,6 +30,7 @@ pub fn vectors(value: Value) -> Option<Vec<[f32; 3]>> {
     match value {
         Value::Vec3fVec(all) => Some(all.into_iter().map(Into::into).collect()),
         Value::Vec3dVec(all) => Some(all.into_iter().map(|v| [v.x as f32, v.y as f32, v.z as f32]).collect()),
+        Value::Vec3hVec(all) => Some(all.into_iter().map(|v| [v.x, v.y, v.z].map(f32::from)).collect()),
         _ => None,
     }
 }
@@ -45,6 +52,15 @@ pub fn quaternions(value: Value) -> Option<Vec<[f32; 4]>> {
         Value::QuathVec(all) => all.into_iter().map(|q| quaternion(Value::Quath(q))).collect(),
         _ => None,
     }
+}
+
+/// A rotation of length 1; none where there is none. What is one but for rounding stays as it is.
+pub fn unit(turn: [f32; 4]) -> [f32; 4] {
+    let length = turn.iter().map(|part| part * part).sum::<f32>().sqrt();
+    if (length - 1.0).abs() < ROUNDING {
+        return turn;
+    }
+    if length > 0.0 && length.is_finite() { turn.map(|part| part / length) } else { [0.0, 0.0, 0.0, 1.0] }
 }
 
 /// Vectors of any width, each as a list.
