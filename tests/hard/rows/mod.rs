@@ -212,8 +212,8 @@ pub const ROWS: &[Row] = &[
     ),
     row(
         "turntable",
-        "stacks of two blocks on a plate that turns, about its middle and about an axis aside: 12 rad on, they are \
-         where they began on it within 1 % of their radius r while w^2 r < 0.9 mu g, and slide off at 1.1",
+        "stacks of two blocks on a plate that turns by 10 rad: each stays within 1 % of its radius r while \
+         w^2 r < 0.9 mu g, and slides at 1.1",
         places::turntable,
         BOTH,
         ALL,

@@ -92,19 +92,17 @@ const SHARES: [f64; 4] = [0.3, 0.6, 0.9, 1.1];
 /// Where blocks must stay, as a share of their distance from the axis.
 const STAYS: f64 = 0.01;
 
-/// Stacks of two blocks on a plate that turns about a vertical axis, at this distance from the plate's middle; and how
-/// far each is from the axis.
-fn on_turntable(aside: f64, seconds: f64) -> (Scene, Vec<f64>) {
+/// Stacks of two blocks on a plate that turns about a vertical axis through its middle; and how far each is from it.
+fn on_turntable(seconds: f64) -> (Scene, Vec<f64>) {
     let size = DVec3::new(0.06, 0.03, 0.06);
-    let axis = DVec3::X * aside;
     let radii = SHARES.map(|share| share * FRICTION * 9.81 / (TURNS * TURNS));
     let place = |k: usize| {
         let turn = DQuat::from_rotation_y(FRAC_PI_2 * (k / 2) as f64);
-        let translation = axis + turn * DVec3::X * radii[k / 2] + DVec3::Y * (TOP + size.y * ((k % 2) as f64 + 0.5));
+        let translation = turn * DVec3::X * radii[k / 2] + DVec3::Y * (TOP + size.y * ((k % 2) as f64 + 0.5));
         Pose { translation, rotation: turn }
     };
     let mut scene = placed(prop("block", block(size), FRICTION), (0..2 * SHARES.len()).map(place));
-    let reach = 2.0 * (aside + radii[SHARES.len() - 1]) + 1.0;
+    let reach = 2.0 * radii[SHARES.len() - 1] + 1.0;
     let plate = TriMesh::transformed(
         &block(DVec3::new(reach, 0.1, reach)),
         &DAffine3::from_translation(DVec3::Y * (TOP - 0.05)),
@@ -114,38 +112,31 @@ fn on_turntable(aside: f64, seconds: f64) -> (Scene, Vec<f64>) {
     let key = |frame: u32| {
         let time = f64::from(frame) / FPS;
         let rotation = DQuat::from_rotation_y(turned(time));
-        Keyframe { time, pose: Pose { translation: axis - rotation * axis, rotation } }
+        Keyframe { time, pose: Pose { translation: DVec3::ZERO, rotation } }
     };
     let keys = (0..=(seconds * FPS) as u32).map(key).collect();
     scene.statics = vec![StaticModel { model: Model::new("turntable", plate), friction: FRICTION, keys }];
     (scene, radii.to_vec())
 }
 
-/// Friction carries what rides on scenery that turns while w^2 r < mu g, wherever the axis is.
+/// Friction carries what rides on scenery that turns while w^2 r < mu g.
 pub fn turntable(engine: Engine, _: Extent) -> Outcome {
     const SECONDS: f64 = 6.0;
-    all([0.0, 3.0].map(|aside| {
-        let (scene, radii) = on_turntable(aside, SECONDS);
-        let motion = run(engine, &scene, SECONDS);
-        let moved = |k: usize| {
-            let place = motion.place(motion.frames.len() - 1, k) - DVec3::X * aside;
-            (place.x.hypot(place.z) / radii[k / 2] - 1.0).abs()
-        };
-        let of = |share: usize| moved(2 * share).max(moved(2 * share + 1));
-        let slides = SHARES.len() - 1;
-        let most = (0..slides).map(of).fold(0.0, f64::max);
-        (
-            format!(
-                "axis {aside} m aside: up to {} of what friction holds they move by {:.2} % of their radius, at {} by \
-                 {:.0} %",
-                SHARES[slides - 1],
-                1e2 * most,
-                SHARES[slides],
-                1e2 * of(slides)
-            ),
-            most < STAYS && of(slides) > 10.0 * STAYS,
-        )
-    }))
+    let (scene, radii) = on_turntable(SECONDS);
+    let motion = run(engine, &scene, SECONDS);
+    let moved = |k: usize| {
+        let place = motion.place(motion.frames.len() - 1, k);
+        (place.x.hypot(place.z) / radii[k / 2] - 1.0).abs()
+    };
+    let of = |share: usize| moved(2 * share).max(moved(2 * share + 1));
+    let slides = SHARES.len() - 1;
+    let most = (0..slides).map(of).fold(0.0, f64::max);
+    let (stay, slide) = (SHARES[slides - 1], SHARES[slides]);
+    let (percent, far) = (1e2 * most, 1e2 * of(slides));
+    all([(
+        format!("up to {stay} of what friction holds: move by {percent:.2} % of their radius; at {slide}: {far:.0} %"),
+        most < STAYS && of(slides) > 10.0 * STAYS,
+    )])
 }
 
 /// Links of the chain; the radius of a link's middle line, and that of its tube.
