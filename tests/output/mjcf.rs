@@ -113,9 +113,9 @@ fn grains_that_mujoco_would_refuse_are_in_smaller_units() {
         let all = elements(text, kind).into_iter().filter_map(|mut element| element.remove(key));
         all.flat_map(|list| list.split(' ').map(|number| number.parse().unwrap()).collect::<Vec<f64>>()).collect()
     };
-    let ((grain, told), (stone, nothing)) = (model_of(GRAIN), model_of(1e3 * GRAIN));
-    let [told] = &told[..] else { panic!("{told:?}") };
-    assert!(told.starts_with("the MuJoCo model is in millimeters and grams"), "{told}");
+    let ((grain, notes), (stone, nothing)) = (model_of(GRAIN), model_of(1e3 * GRAIN));
+    let [note] = &notes[..] else { panic!("{notes:?}") };
+    assert!(note.starts_with("the MuJoCo model is in millimeters and grams"), "{note}");
     assert!(nothing.is_empty() && elements(&stone, "numeric").is_empty(), "{nothing:?}");
     assert_eq!(numbers(&grain, "numeric", "data"), [1e-3, 1e-3]);
     // In its own units it is as large as the stone, a millionth as heavy, and falls a thousand times as fast.

@@ -1,5 +1,5 @@
-//! The analysis of meshes against closed forms: cards, a ladder, a prism, a tower with a gap, an arch. Statics judges the
-//! meshes, not the skins around collision shapes.
+//! The analysis of meshes against closed forms: cards, a ladder, a prism, a tower with a gap, an arch. Statics judges
+//! the meshes, not the skins around collision shapes.
 
 use super::common::block;
 use cairn_analysis::{AnalysisOptions, PileAnalysis, TiltLimit, WholePile};
@@ -132,7 +132,7 @@ fn a_tower_on_its_middle_block() {
     let size = DVec3::new(0.025, 0.015, 0.075);
     let mut bodies = Vec::new();
     for layer in 0..LAYERS {
-        // The blocks of the second layer lie along z.
+        // The blocks of the second layer are aligned with z.
         let turn = DQuat::from_rotation_y(if layer % 2 == 1 { 0.0 } else { std::f64::consts::FRAC_PI_2 });
         for k in [-1.0, 0.0, 1.0] {
             if layer != 1 || k == 0.0 {

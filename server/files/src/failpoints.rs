@@ -6,11 +6,25 @@
 
 use std::io::{Result, Write};
 
-/// Reads the variable. The program calls this once.
+/// Reads the variable. The program calls this once, before any sandbox.
 pub fn set_up() {
     #[cfg(feature = "failpoints")]
-    std::mem::forget(fail::FailScenario::setup());
+    {
+        std::mem::forget(fail::FailScenario::setup());
+        if std::env::var("FAILPOINTS").is_ok_and(|faults| faults.contains("KILL")) {
+            let (sender, asked) = std::sync::mpsc::sync_channel(1);
+            let _ = KILLER.set(sender);
+            std::thread::spawn(move || {
+                let own = std::process::id().to_string();
+                asked.recv().is_ok().then(|| std::process::Command::new("kill").args(["-KILL", &own]).status())
+            });
+        }
+    }
 }
+
+/// A thread outside of any sandbox, which ends this process where it is asked to.
+#[cfg(feature = "failpoints")]
+static KILLER: std::sync::OnceLock<std::sync::mpsc::SyncSender<()>> = std::sync::OnceLock::new();
 
 /// Fails if a fault is set for this place.
 #[cfg(feature = "failpoints")]
@@ -48,8 +62,8 @@ fn error(name: &str) -> std::io::Error {
         "EPIPE" => 32,
         "ENAMETOOLONG" => 36,
         "KILL" => {
-            let own = std::process::id().to_string();
-            let _ = std::process::Command::new("kill").args(["-KILL", &own]).status();
+            KILLER.get().map(|killer| killer.send(()));
+            std::thread::sleep(std::time::Duration::from_secs(60));
             unreachable!("this process was killed")
         }
         _ => panic!("no fault has the name {name:?}"),

@@ -1,5 +1,6 @@
-//! A composed stage: a layer with all that it takes from others by sublayers, references, payloads, variants and
-//! classes, its instances included. Files are read by their paths from the first layer's folder.
+//! A composed stage: a layer with all that it takes from others. Long: what bounds a composition stands beside it.
+//! Others are sublayers, references, payloads, variants and classes, its instances included. Files are read by their
+//! paths from the first layer's folder.
 
 #[cfg(test)]
 mod tests;

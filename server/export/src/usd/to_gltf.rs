@@ -374,8 +374,8 @@ impl<'a> Converter<'a> {
         Ok(())
     }
 
-    /// The nodes of a prototype, made once with all that it takes from above and then copied: the topmost one, and those
-    /// whose place does not depend on it.
+    /// The nodes of a prototype, made once with all that it takes from above and then copied: the topmost one, and
+    /// those whose place does not depend on it.
     fn prototype(&mut self, prim: &Path, above: &Inherited, level: usize) -> Result<Vec<usize>, String> {
         let key = (prim.clone(), above.clone());
         let Some(Copied { tops, nodes, channels }) = self.prototypes.get(&key).cloned() else {

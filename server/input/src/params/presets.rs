@@ -122,7 +122,7 @@ impl Params {
                 params.fill.wall_tolerance = 0.05;
                 // Of more that grow at once, small props take the room of large ones.
                 params.fill.round = 0.5;
-                params.fill.full_below = 0.3;
+                params.fill.full_below = 0.2;
                 params.fill.settle = 0.5;
                 params.fill.residual_overlap = 0.04;
                 params.release.layer = 1.0;

@@ -1,6 +1,6 @@
 //! Additions to the engine's own step: continuous collision of fast bodies and new contacts of what turns before it;
-//! resistance to rolling, no sleep for bodies that creep, and more substeps for piles that bob after it. Each knows the engine and the bodies,
-//! and nothing of the world above.
+//! resistance to rolling, no sleep for bodies that creep, and more substeps for piles that bob after it. Each knows the
+//! engine and the bodies, and nothing of the world above.
 
 pub mod bobbing;
 pub mod ccd;

@@ -3,13 +3,13 @@
 //! The engine keeps the contacts of a pair that does not move against each other, and with them the arms from the
 //! centers of mass, in the world's axes, until the pair has turned by eleven degrees. So on scenery that turns, a
 //! contact moves where it moved that long ago, and friction carries all that rides there outward, by some millimeters
-//! a radian at any speed. The contacts of such pairs are found anew in each step.
+//! a radian at any speed. The contacts of such pairs are found again in each step.
 //!
 //! The arms still stay for one step, in which friction leads bodies along a tangent: with an angular velocity w at an
 //! arm r, outward by w^2 r dt^2 / 2. They are put back by that. And since the tangent changes from step to step all at
 //! once, one substep would have to do what friction can do in all of them: so the velocity of what rides is led to the
-//! new tangent before the step, and a force pulls that out of it evenly during the step. Both together give no momentum,
-//! and it slides where w^2 r is more than friction holds.
+//! new tangent before the step, and a force pulls that out of it evenly during the step. Both together give no
+//! momentum, and it slides where w^2 r is more than friction holds.
 
 use crate::world::bodies::Bodies;
 use rapier3d::prelude::*;
@@ -70,7 +70,7 @@ pub struct Turning {
 }
 
 impl Turning {
-    /// Before a step: the contacts of these pieces and of what rides on them will be found anew. `all`: the colliders
+    /// Before a step: the contacts of these pieces and of what rides on them will be found again. `all`: the colliders
     /// of all pieces.
     pub fn renew_contacts(
         &mut self,

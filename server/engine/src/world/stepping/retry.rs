@@ -53,7 +53,7 @@ impl World {
     fn energy(&self, id: BodyId) -> (f64, f64) {
         let rigid = &self.engine.bodies[self.bodies[id].carrier];
         let kinetic = f64::from(rigid.kinetic_energy());
-        (kinetic + self.bodies.carried(id).mass * f64::from(rigid.translation().y), kinetic)
+        (kinetic + self.bodies.carried(id).mass * f64::from(rigid.center_of_mass().y), kinetic)
     }
 
     /// Takes energy out of the motion of the bodies that have gained some since a snapshot, each by its share of what
