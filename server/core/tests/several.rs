@@ -113,20 +113,32 @@ fn a_pile_rides_and_is_at_rest_before() {
         let mut params = draft();
         params.glue.mode = mode;
         params.output.frames = Some(72);
-        let done = bake(&ride(), &params);
-        let frames = &done.pile.frames;
-        let board = &done.pile.scenery[0];
-        assert_eq!((frames.len(), board.len(), board[0].translation.x), (73, 73, 0.0));
-        // Relative to the board, from frame 0 on.
-        let way = |frame: usize| {
-            let (moved, off) = (&frames[frame], board[frame].translation - board[0].translation);
-            let ways = frames[0].iter().zip(moved).map(|(a, b)| (b.translation - off).distance(a.translation));
-            let mut ways: Vec<f64> = ways.collect();
-            ways.sort_by(f64::total_cmp);
-            ways[ways.len() * 9 / 10]
+        // One body that topples is a tenth of so few: medians of seeds.
+        let ways = [1, 2, 3].map(|seed| ridden(&Params { seed, ..params.clone() }));
+        let median = |of: usize| {
+            let mut all = ways.map(|way| way[of]);
+            all.sort_by(f64::total_cmp);
+            all[1]
         };
-        assert!(way(10) < 0.002 && way(72) < 0.03, "{mode:?}: {} m, {} m", way(10), way(72));
+        assert!(median(0) < 0.002 && median(1) < 0.03, "{mode:?}: {ways:?}");
     }
+}
+
+/// How far nine of ten bodies move on the board until frame 10, in which it moves off, and until the end, m.
+fn ridden(params: &Params) -> [f64; 2] {
+    let done = bake(&ride(), params);
+    let frames = &done.pile.frames;
+    let board = &done.pile.scenery[0];
+    assert_eq!((frames.len(), board.len(), board[0].translation.x), (73, 73, 0.0));
+    // Relative to the board, from frame 0 on.
+    let way = |frame: usize| {
+        let (moved, off) = (&frames[frame], board[frame].translation - board[0].translation);
+        let ways = frames[0].iter().zip(moved).map(|(a, b)| (b.translation - off).distance(a.translation));
+        let mut ways: Vec<f64> = ways.collect();
+        ways.sort_by(f64::total_cmp);
+        ways[ways.len() * 9 / 10]
+    };
+    [way(10), way(72)]
 }
 
 /// Without it, frame 0 is the pile right after turning over.

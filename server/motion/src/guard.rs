@@ -108,8 +108,8 @@ pub struct Guard {
     /// Retries in a row, and the step until which a gain of energy is accepted.
     in_a_row: u32,
     resting_until: u64,
-    /// Energy gained since it was least.
-    gain: f64,
+    /// Energy gained since it was least; `None`: the pile is pushed, so that it may gain some.
+    gain: Option<f64>,
     /// Pairs that were deep in each other at two looks in a row: placed so, or met with stiffer contacts already.
     deep: BTreeSet<(BodyId, Option<BodyId>)>,
     /// Those of the latest look.
@@ -138,7 +138,7 @@ impl Guard {
             known: 0,
             in_a_row: 0,
             resting_until: 0,
-            gain: 0.0,
+            gain: Some(0.0),
             deep: BTreeSet::new(),
             latest: BTreeSet::new(),
             stiff_until: None,
@@ -210,19 +210,26 @@ impl Guard {
         after.whole - before.whole > ENERGY_SHARE * before.kinetic + PUSH_OUT_SPEED * world.step_length() * before.mass
     }
 
+    /// From now on the pile is pushed: no energy is taken out of its motion. What topples over an edge has little more
+    /// than it needs for that.
+    pub fn expect_pushes(&mut self) {
+        self.gain = None;
+    }
+
     /// Takes the energy out of the motion that was gained without a cause, in this step or little by little. What is
     /// lost in between is friction's, and does not come back.
     fn take_what_nothing_gave(&mut self, world: &mut World, before: Energy) {
+        let Some(gain) = &mut self.gain else { return };
         let after = world.energy_of(&self.before);
         if after.kinetic < PARTED * after.mass {
-            self.gain = 0.0;
+            *gain = 0.0;
             return;
         }
-        self.gain = (self.gain + after.whole - before.whole).max(0.0);
-        let excess = self.gain - MOST_GAIN * after.kinetic - MOST_LIFT * after.mass;
+        *gain = (*gain + after.whole - before.whole).max(0.0);
+        let excess = *gain - MOST_GAIN * after.kinetic - MOST_LIFT * after.mass;
         if excess > 0.0 {
             self.actions.braked += 1;
-            self.gain -= world.take_energy(&self.before, excess);
+            *gain -= world.take_energy(&self.before, excess);
         }
     }
 

@@ -97,6 +97,7 @@ pub fn run(
     let before: Vec<(BodyId, Pose)> = sim.pile.world.present().map(|id| (id, sim.pile.world.pose(id))).collect();
     let frame = sim.pile.recorder.count();
     sim.pile.begin_collapse();
+    sim.guard.expect_pushes();
     let mut solid = solid(&mut sim.pile, first);
     let order = order(&sim.pile, &solid.joints, first, toward);
     let duration = duration(&sim.pile, request, &before);

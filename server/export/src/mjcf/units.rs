@@ -51,8 +51,8 @@ impl ModelUnits {
         let [length, mass] = self.names;
         format!(
             "the MuJoCo model is in {length} and {mass}: in meters and kilograms, MuJoCo refuses bodies whose moment \
-             of inertia is below {LEAST_INERTIA:e} kg m^2. Gravity is in these units, too; divide lengths and masses by \
-             {:e}",
+             of inertia is below {LEAST_INERTIA:e} kg m^2. Gravity is in these units, too; divide lengths and masses \
+             by {:e}",
             self.per_si
         )
     }
