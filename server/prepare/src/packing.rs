@@ -74,8 +74,8 @@ const RANGE: (f64, f64) = (0.02, 0.9);
 /// fill of the boxes around them.
 const STACKED: f64 = 0.85;
 
-/// The stated range of props of one size is the expected number of bodies divided and multiplied by this. Three fills at
-/// `draft` that the law was not fitted to had 0.90, 0.94 and 1.03 times that number; too few to say how many of ten
+/// The stated range of props of one size is the expected number of bodies divided and multiplied by this. Three fills
+/// at `draft` that the law was not fitted to had 0.90, 0.94 and 1.03 times that number; too few to say how many of ten
 /// others are within the range. The example `fit_estimate` prints the factor of nine of ten for the fills it is given.
 pub const FACTOR: f64 = 1.5;
 /// Mean diameters of props that differ by more than this ratio share a room in ways that no law of means knows: where
