@@ -109,12 +109,13 @@ fn ride() -> Scene {
 
 #[test]
 fn a_pile_rides_and_is_at_rest_before() {
-    for mode in [GlueMode::Natural, GlueMode::AsModelled] {
+    // Where nothing is glued, some topple from the flanks of the heap.
+    for (mode, share) in [(GlueMode::Natural, 0.75), (GlueMode::AsModelled, 0.9)] {
         let mut params = draft();
         params.glue.mode = mode;
         params.output.frames = Some(72);
-        // One body that topples is a tenth of so few: medians of seeds.
-        let ways = [1, 2, 3].map(|seed| ridden(&Params { seed, ..params.clone() }));
+        // Of so few, one that topples counts much: medians of seeds.
+        let ways = [1, 2, 3].map(|seed| ridden(&Params { seed, ..params.clone() }, share));
         let median = |of: usize| {
             let mut all = ways.map(|way| way[of]);
             all.sort_by(f64::total_cmp);
@@ -124,8 +125,8 @@ fn a_pile_rides_and_is_at_rest_before() {
     }
 }
 
-/// How far nine of ten bodies move on the board until frame 10, in which it moves off, and until the end, m.
-fn ridden(params: &Params) -> [f64; 2] {
+/// How far a share of the bodies moves on the board at most until frame 10, before it moves off, and until the end, m.
+fn ridden(params: &Params, share: f64) -> [f64; 2] {
     let done = bake(&ride(), params);
     let frames = &done.pile.frames;
     let board = &done.pile.scenery[0];
@@ -136,7 +137,7 @@ fn ridden(params: &Params) -> [f64; 2] {
         let ways = frames[0].iter().zip(moved).map(|(a, b)| (b.translation - off).distance(a.translation));
         let mut ways: Vec<f64> = ways.collect();
         ways.sort_by(f64::total_cmp);
-        ways[ways.len() * 9 / 10]
+        ways[(ways.len() as f64 * share) as usize]
     };
     [way(10), way(72)]
 }

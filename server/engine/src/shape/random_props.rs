@@ -154,9 +154,12 @@ fn check(case: &str, mesh: &TriMesh, random: &mut Pcg64) {
     }
 }
 
+/// A random mesh of one kind.
+type Maker = fn(&mut Pcg64) -> TriMesh;
+
 #[test]
 fn extents_and_volume_are_those_of_the_mesh() {
-    let makers: [(&str, fn(&mut Pcg64) -> TriMesh); 5] = [
+    let makers: [(&str, Maker); 5] = [
         ("polyhedron", random_polyhedron),
         ("fan", random_fan),
         ("sheet", random_sheet),

@@ -159,8 +159,7 @@ fn instances_that_are_hidden_or_inactive_are_left_out() {
         // What comes later is a point before.
         let moving = area(&Shown::of(&text, &[]).triangles(0.0));
         assert!((moving - area(&still.triangles(0.0))).abs() < 1e-6, "{fields}{metadata}");
-        let still = still.bounds(0.0).map(|p| p.x);
-        still
+        still.bounds(0.0).map(|p| p.x)
     };
     assert_eq!(shown("", ""), [0.0, 5.0]);
     assert_eq!(shown("    int64[] invisibleIds = [2]", ""), [0.0, 3.0]);
