@@ -122,7 +122,7 @@ impl Params {
                 params.fill.wall_tolerance = 0.05;
                 // Of more that grow at once, small props take the room of large ones.
                 params.fill.round = 0.5;
-                params.fill.full_below = 0.2;
+                params.fill.full_below = 0.3;
                 params.fill.settle = 0.5;
                 params.fill.residual_overlap = 0.04;
                 params.release.layer = 1.0;
@@ -137,7 +137,7 @@ impl Params {
                 params.physics.shape_gap = 0.03;
                 params.physics.contact_frequency = 15.0;
                 params.fill.round = 0.5;
-                params.fill.full_below = 0.1;
+                params.fill.full_below = 0.2;
                 params.fill.settle = 1.0;
                 params.fill.residual_overlap = 0.02;
             }
@@ -150,7 +150,7 @@ impl Params {
                 params.fill.wall_tolerance = 0.006;
                 params.fill.growth = 1.2;
                 params.fill.round = 0.2;
-                params.fill.full_below = 0.018;
+                params.fill.full_below = 0.025;
                 params.fill.settle = 3.0;
                 params.fill.residual_overlap = 0.002;
             }
@@ -166,7 +166,7 @@ impl Params {
                 params.fill.step = 0.05;
                 params.fill.growth = 1.6;
                 params.fill.round = 0.15;
-                params.fill.full_below = 0.015;
+                params.fill.full_below = 0.02;
                 params.fill.settle = 4.0;
                 params.fill.residual_overlap = 0.0005;
             }

@@ -42,6 +42,9 @@ const PASSES: f64 = 0.5;
 /// Growths in a row after which a pair that overlaps too deeply is jammed: the next one may still ease a squeezed pair.
 const JAMMED: u32 = 3;
 
+/// How many times as many seeds as grow at once show that the container is full: the latest ones came to a pile that has
+/// settled for less time.
+const SHOWN: f64 = 1.5;
 /// Fewer seeds than this do not show that the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
 /// Where every seed of a stage finds a place, a draft is not full yet, unless a full round of seeds adds less than this
@@ -64,7 +67,7 @@ impl Method for Insert {
         let stage_length = fill.growth / stages as f64;
         // Seeds that a stage asks for, and that show that the container is full.
         let share = (fill.round * expected / stages as f64).ceil() as usize;
-        let full_round = ((fill.round * expected).ceil() as usize).max(LEAST_SEEDS);
+        let full_round = ((SHOWN * fill.round * expected).ceil() as usize).max(LEAST_SEEDS);
         let mut growing = VecDeque::<Cohort>::new();
         // Seeds asked for so far, and grown bodies there, after each cohort.
         let mut history = vec![(0, filling.world.loose().count())];
