@@ -42,8 +42,8 @@ const PASSES: f64 = 0.5;
 /// Growths in a row after which a pair that overlaps too deeply is jammed: the next one may still ease a squeezed pair.
 const JAMMED: u32 = 3;
 
-/// How many times as many seeds as grow at once show that the container is full: the latest ones came to a pile that has
-/// settled for less time.
+/// How many times as many seeds as grow at once show that the container is full: the latest ones came to a pile that
+/// has settled for less time.
 const SHOWN: f64 = 1.5;
 /// Fewer seeds than this do not show that the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
