@@ -54,9 +54,9 @@ fn each_shape_has_its_own_props_and_seed() {
     let count = |of: usize| bodies(&done, 0).iter().filter(|(prop, _)| *prop == of).count();
     assert!(count(0) > 20 && count(1) > 20, "{} and {}", count(0), count(1));
     let expected = done.report.plan.expected_bodies as f64;
-    let bodies = done.pile.bodies.len();
-    // The estimate is of many bodies; drafts of a few dozen are less dense.
-    assert!((0.7..1.6).contains(&(expected / bodies as f64)), "{expected} bodies are expected of {bodies}");
+    let found = done.pile.bodies.len();
+    // The estimate is of many bodies; drafts of a few dozen are denser.
+    assert!((0.65..1.4).contains(&(expected / found as f64)), "{expected} bodies are expected, {found} there");
 
     let mut other = scene.clone();
     other.piles[1].seed = Some(77);
