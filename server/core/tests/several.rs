@@ -54,9 +54,7 @@ fn each_shape_has_its_own_props_and_seed() {
     let count = |of: usize| bodies(&done, 0).iter().filter(|(prop, _)| *prop == of).count();
     assert!(count(0) > 20 && count(1) > 20, "{} and {}", count(0), count(1));
     let expected = done.report.plan.expected_bodies as f64;
-    let found = done.pile.bodies.len();
-    // The estimate is of many bodies; drafts of a few dozen are denser.
-    assert!((0.65..1.4).contains(&(expected / found as f64)), "{expected} bodies are expected, {found} there");
+    assert!((0.7..1.4).contains(&(expected / done.pile.bodies.len() as f64)), "{expected} bodies are expected");
 
     let mut other = scene.clone();
     other.piles[1].seed = Some(77);
@@ -111,37 +109,24 @@ fn ride() -> Scene {
 
 #[test]
 fn a_pile_rides_and_is_at_rest_before() {
-    // Where nothing is glued, some topple from the flanks of the heap.
-    for (mode, share) in [(GlueMode::Natural, 0.75), (GlueMode::AsModelled, 0.9)] {
+    for mode in [GlueMode::Natural, GlueMode::AsModelled] {
         let mut params = draft();
         params.glue.mode = mode;
         params.output.frames = Some(72);
-        // Of so few, one that topples counts much: medians of seeds.
-        let ways = [1, 2, 3].map(|seed| ridden(&Params { seed, ..params.clone() }, share));
-        let median = |of: usize| {
-            let mut all = ways.map(|way| way[of]);
-            all.sort_by(f64::total_cmp);
-            all[1]
+        let done = bake(&ride(), &params);
+        let frames = &done.pile.frames;
+        let board = &done.pile.scenery[0];
+        assert_eq!((frames.len(), board.len(), board[0].translation.x), (73, 73, 0.0));
+        // Relative to the board, from frame 0 on.
+        let way = |frame: usize| {
+            let (moved, off) = (&frames[frame], board[frame].translation - board[0].translation);
+            let ways = frames[0].iter().zip(moved).map(|(a, b)| (b.translation - off).distance(a.translation));
+            let mut ways: Vec<f64> = ways.collect();
+            ways.sort_by(f64::total_cmp);
+            ways[ways.len() * 9 / 10]
         };
-        assert!(median(0) < 0.002 && median(1) < 0.03, "{mode:?}: {ways:?}");
+        assert!(way(10) < 0.002 && way(72) < 0.03, "{mode:?}: {} m, {} m", way(10), way(72));
     }
-}
-
-/// How far a share of the bodies moves on the board at most until frame 10, before it moves off, and until the end, m.
-fn ridden(params: &Params, share: f64) -> [f64; 2] {
-    let done = bake(&ride(), params);
-    let frames = &done.pile.frames;
-    let board = &done.pile.scenery[0];
-    assert_eq!((frames.len(), board.len(), board[0].translation.x), (73, 73, 0.0));
-    // Relative to the board, from frame 0 on.
-    let way = |frame: usize| {
-        let (moved, off) = (&frames[frame], board[frame].translation - board[0].translation);
-        let ways = frames[0].iter().zip(moved).map(|(a, b)| (b.translation - off).distance(a.translation));
-        let mut ways: Vec<f64> = ways.collect();
-        ways.sort_by(f64::total_cmp);
-        ways[(ways.len() as f64 * share) as usize]
-    };
-    [way(10), way(72)]
 }
 
 /// Without it, frame 0 is the pile right after turning over.

@@ -17,7 +17,6 @@ use cairn_motion::instance::Instance;
 use cairn_motion::policy::Policy;
 use cairn_prepare::container::SceneryMesh;
 use glam::DVec3;
-use std::ops::Range;
 
 /// The world of a fill. Loose bodies were added by the fill, which may remove them; pinned bodies were placed by the
 /// scene.
@@ -222,18 +221,12 @@ impl FillWorld {
 
     /// Pairs of bodies that overlap by more than `limit` of the thinner one's material, ascending; the lower id first.
     pub fn overlapping(&mut self, limit: f64) -> Vec<(BodyId, BodyId)> {
-        self.overlapping_with(0..self.next_id(), limit)
-    }
-
-    /// Those of them that one of these bodies is in, without those that came after these.
-    pub fn overlapping_with(&mut self, bodies: Range<BodyId>, limit: f64) -> Vec<(BodyId, BodyId)> {
         self.update_contacts();
-        let others: Vec<bool> = (0..self.next_id()).map(|id| !bodies.contains(&id)).collect();
         let too_deep = |pair: &ContactPair| match pair.b {
-            PairSide::Body(b) => (b < bodies.end && pair.depth() > limit * self.thickness(pair)).then_some((pair.a, b)),
+            PairSide::Body(b) => (pair.depth() > limit * self.thickness(pair)).then_some((pair.a, b)),
             PairSide::Ground | PairSide::Scenery | PairSide::Moving => None,
         };
-        self.world.contact_pairs_since(0.0, &[], &others).iter().filter_map(too_deep).collect()
+        self.world.contact_pairs(0.0).iter().filter_map(too_deep).collect()
     }
 
     /// Parts overlapping bodies by position. See [`World::depenetrate`]. Returns the steps.

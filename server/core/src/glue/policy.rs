@@ -8,7 +8,7 @@
 //! | 0 | it stands without glue | no glue; nor for heaps that stand, where others fall | [`SAGS`] |
 //! | 0 | (no trial yet) | place; weld the pairs that are pressed into each other | [`PRESSED`] |
 //! | 1 | the pile leans as a whole | glue all feet to the ground, from the next attempt on | [`LEANS`] |
-//! | 2 | few moved, or prices are at the top | discount their friction; go on from these | [`IN_PLACES`], [`DRAGS`] |
+//! | 2 | few moved, or prices are at the top | discount their friction; go on from these joints | [`IN_PLACES`] |
 //! | 3 | at most [`LOCAL_MOVED`] moved, early on | raise the price around bodies that moved a little | [`LOCAL`] |
 //! | 4 | many bodies moved | raise the price everywhere; start from no joints | [`PRICES`] |
 //! | 5 | few moved; it stands, or is late, or 2 is exhausted | weld moving bodies to all they touch | [`WELD_FROM`] |
@@ -17,8 +17,8 @@
 //! | 8 | too many attempts | take the best attempt; weld it if it was not | [`ATTEMPTS`] |
 //!
 //! Rows 2, 3 and 4 exclude each other. To discount friction means: first no friction, then no contact forces either. A
-//! pile that sags (mean displacement above [`SAGS`]) fails in many places, unless a few bodies drag the others along.
-//! Row 5 repeats with a trial each until the pile stands, at most [`WELD_ROUNDS`] times.
+//! pile that sags (mean displacement above [`SAGS`]) fails in many places. Row 5 repeats with a trial each until the
+//! pile stands, at most [`WELD_ROUNDS`] times.
 //!
 //! Glue of bounded strength is never welded: its weakness is what the caller asked for. Lengths in d, the median prop's
 //! diameter; times in characteristic times sqrt(d / g).
@@ -70,10 +70,6 @@ pub const IN_PLACES: f64 = 0.1;
 /// The pile sags, and a little more would bring it down, if its bodies have moved by more than this in the mean. Late
 /// attempts at a standing man of 1,023 bananas sag by 0.054 to 0.065.
 pub const SAGS: f64 = 0.06;
-/// Up to this mean displacement, few bodies that moved may have dragged the others along: a pile that sags with them
-/// fails in few places. Without that, a ball of bananas took 94 to 103 joints in seven attempts, with it 74 to 84 in
-/// three to five.
-pub const DRAGS: f64 = 0.1;
 /// Steps between two looks at the pile.
 pub const LOOK: u64 = 12;
 /// The trial ends once this many looks in a row predict, at the pace of each, that the pile stands at the end of the

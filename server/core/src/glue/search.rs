@@ -3,9 +3,7 @@
 
 use super::Glued;
 use super::attempt::{Attempt, Choice};
-use super::policy::{
-    ATTEMPTS, DRAGS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, MOST_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS,
-};
+use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
 use super::trial::{Ends, TrialResult, Trials};
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, observe};
@@ -236,8 +234,7 @@ impl<'p, 'a> Search<'p, 'a> {
         let moved_a_little = trial.moved_a_little.iter().copied().collect();
         attempt.stood(trial);
         let leans = self.anchors && displacement > LEANS && !self.anchors_all;
-        let sags = displacement > if moved > MOST_MOVED { DRAGS } else { SAGS };
-        let fails_in_places = moved <= IN_PLACES && (leans || !sags);
+        let fails_in_places = moved <= IN_PLACES && (leans || displacement <= SAGS);
         let is_highest_price = self.sites.is_highest_price(&PRICES);
         let change = if fails_in_places || is_highest_price {
             Change::Friction

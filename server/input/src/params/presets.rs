@@ -120,7 +120,7 @@ impl Params {
                 params.physics.shape_gap = 0.05;
                 params.physics.max_parts = 6;
                 params.fill.wall_tolerance = 0.05;
-                // Of more that grow at once, small props take the room of large ones.
+                // In larger rounds, small props take the room of large ones.
                 params.fill.round = 0.5;
                 params.fill.full_below = 0.3;
                 params.fill.settle = 0.5;

@@ -42,6 +42,14 @@ impl Filling<'_> {
             || corners(shape, size, &placed.pose).any(|p| container.depth_in_scenery(p) > most)
     }
 
+    /// Takes out bodies from `first` on, which are equally new, until `limit` bodies are left: some from everywhere go.
+    pub fn cut_to(&mut self, limit: usize, first: BodyId) {
+        let beyond = self.world.loose().count().saturating_sub(limit);
+        let new: Vec<BodyId> = self.world.loose().filter(|&id| id >= first).collect();
+        let beyond = beyond.min(new.len());
+        (0..beyond).for_each(|i| self.world.remove(new[i * new.len() / beyond]));
+    }
+
     /// Gives bodies that grew beyond their size their own size. Returns whether there were any.
     pub fn shrink_overgrown(&mut self) -> bool {
         let overgrown = std::mem::take(&mut self.overgrown);

@@ -1,8 +1,5 @@
 //! The `insert` fill: props are put at free places inside the closed container at a fraction of their size and grow
 //! there, while upward gravity packs them. Denser and more even than a pour, and it reaches under overhangs.
-//!
-//! Seeds are planted at each stage of growth, not once a growth: near the end, few places are free at any time, and all
-//! bodies move in each step, so that what counts is how many places each step offers.
 
 use super::{Method, Pass};
 use crate::fill::filling::Filling;
@@ -14,7 +11,7 @@ use cairn_input::observer::Observer;
 use cairn_motion::instance::Instance;
 use glam::{DQuat, DVec3};
 use rand::RngExt;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 /// A container this high, in d, is filled under full gravity; a higher one under less, so that bodies at its end are
 /// squeezed no more.
@@ -27,11 +24,11 @@ const SEED_SCALE: f64 = 0.4;
 const OVERGROWTH: f64 = 0.02;
 /// A seed grows to its full size in equal stages of about this length, characteristic times.
 const GROWTH_STAGE: f64 = 0.2;
-/// Places tried for each prop that a stage asks for. A place costs a thousandth of a prop that grows there.
+/// Places tried for each prop wanted in a round. A place costs a thousandth of a prop that grows there.
 const TRIES_PER_PROP: usize = 60;
-/// Places tried at least in a stage.
+/// Places tried at least in a round.
 const LEAST_TRIES: usize = 1000;
-/// Bound on the growths, one after the other; a fill takes about 8.
+/// Bound on the rounds; a fill takes about 15.
 const MAX_ROUNDS: usize = 200;
 /// A body that grows may overlap another by this share of the thinner one's thickness: both may yet give way.
 const GROWING_OVERLAP: f64 = 0.25;
@@ -39,16 +36,21 @@ const GROWING_OVERLAP: f64 = 0.25;
 /// A body that reaches into scenery by more than this share of its thickness passes to the other side.
 const PASSES: f64 = 0.5;
 
-/// Growths in a row after which a pair that overlaps too deeply is jammed: the next one may still ease a squeezed pair.
+/// Rounds in a row after which a pair that overlaps too deeply is jammed: the next round may still ease a squeezed
+/// pair.
 const JAMMED: u32 = 3;
 
-/// How many times as many seeds as grow at once show that the container is full: the latest ones came to a pile that
-/// has settled for less time.
-const SHOWN: f64 = 1.5;
-/// Fewer seeds than this do not show that the container is full: one may have been unlucky.
+/// If at most the first share of a round's seeds finds room to grow, they take it from each other: the next round has
+/// half as many, but at least the second share of a full round.
+const CROWDED: f64 = 0.5;
+const LEAST_ROUND: f64 = 0.25;
+/// A round makes up for the losses of the last one: it asks for more than is missing, but counts on no smaller share of
+/// its seeds than this.
+const LEAST_KEPT: f64 = 0.25;
+/// A round of fewer seeds than this does not show that the container is full: one may have been unlucky.
 const LEAST_SEEDS: usize = 20;
-/// Where every seed of a stage finds a place, a draft is not full yet, unless a full round of seeds adds less than this
-/// share.
+/// Where every seed of a round finds a place, a draft is not full yet, unless the round adds less than this share. (The
+/// seeds of a large round take the room from each other; the next one is smaller.)
 const ROOM_BELOW: f64 = 0.05;
 
 pub struct Insert;
@@ -58,106 +60,63 @@ impl Method for Insert {
         (TALL / height).min(1.0)
     }
 
-    /// Plants seeds at each stage of growth, until that adds next to nothing.
+    /// Runs rounds until they add next to nothing.
     fn run(&mut self, filling: &mut Filling, pass: &Pass, observer: &mut dyn Observer) -> Result<bool, Error> {
         let (fill, expected) = (&filling.task.params.fill, filling.task.expected as f64);
         let deep = fill.overlap.max(GROWING_OVERLAP);
         let inside = filling.task.inside();
-        let stages = (fill.growth / GROWTH_STAGE).round().max(1.0) as usize;
-        let stage_length = fill.growth / stages as f64;
-        // Seeds that a stage asks for, and that show that the container is full.
-        let share = (fill.round * expected / stages as f64).ceil() as usize;
-        let full_round = ((SHOWN * fill.round * expected).ceil() as usize).max(LEAST_SEEDS);
-        let mut growing = VecDeque::<Cohort>::new();
-        // Seeds asked for so far, and grown bodies there, after each cohort.
+        // Share of the expected bodies that a round asks for.
+        let mut share = fill.round;
+        // Share of the last round's seeds that were kept.
+        let mut keeps: f64 = 1.0;
+        // Bodies asked for so far, and bodies there, before each round.
         let mut history = vec![(0, filling.world.loose().count())];
-        let (mut asked, mut is_full) = (0, false);
-        let mut squeezed = Squeezed::default();
+        // Pairs that overlap too deeply, and for how many rounds in a row.
+        let mut squeezed = BTreeMap::<(BodyId, BodyId), u32>::new();
         let mut quota = Quota::new(filling, pass);
-        for stage in 1..=MAX_ROUNDS * stages {
-            let seeds = growing.iter().map(|cohort| cohort.present(filling)).sum::<usize>();
-            let bodies = filling.world.loose().count();
-            if seeds == 0 && (is_full || bodies >= pass.limit) {
-                return Ok(is_full);
+        for _ in 0..MAX_ROUNDS {
+            let before = filling.world.loose().count();
+            if before >= pass.limit {
+                return Ok(false);
             }
-            if !is_full {
-                let wanted = share.min(pass.limit.saturating_sub(bodies));
-                asked += wanted;
-                let cohort =
-                    Cohort { seeds: plant(filling, pass, wanted, &inside, &mut quota)?, wanted, asked, age: 0 };
-                if seeds == 0 && cohort.seeds.is_empty() {
-                    return Ok(true);
-                }
-                growing.push_back(cohort);
+            let missing = ((pass.limit - before) as f64 / keeps.max(LEAST_KEPT)).ceil();
+            let wanted = (share * expected).ceil().min(missing) as usize;
+            let first = filling.world.next_id();
+            let seeds = plant(filling, pass, wanted, &inside, &mut quota)?;
+            if seeds.is_empty() {
+                return Ok(true);
             }
-            growing.iter_mut().for_each(|cohort| cohort.grow(filling, stages));
-            filling.settle(stage_length, observer)?;
+            grow(filling, &seeds, observer)?;
             filling.remove_escaped();
-            if stage.is_multiple_of(stages) {
-                let jammed = squeezed.look(filling, deep);
-                filling.remove_overlapping(jammed, 0);
-                filling.remove_cutting(PASSES);
-            }
-            let Some(cohort) = growing.pop_front_if(|cohort| cohort.age == stages) else { continue };
-            if let Some(&(first, _)) = cohort.seeds.first() {
-                let new = filling.world.overlapping_with(first..first + cohort.seeds.len(), deep);
-                filling.remove_overlapping(new, first);
-            }
+            let overlapping = filling.world.overlapping(deep).into_iter();
+            let (new, old): (Vec<_>, Vec<_>) = overlapping.partition(|&(_, b)| b >= first);
+            filling.remove_overlapping(new, first);
+            let rounds = |pair| squeezed.get(&pair).map_or(1, |rounds| rounds + 1);
+            squeezed = old.into_iter().map(|pair| (pair, rounds(pair))).collect();
+            let jammed = squeezed.iter().filter(|(_, rounds)| **rounds >= JAMMED).map(|(pair, _)| *pair);
+            filling.remove_overlapping(jammed.collect(), 0);
+            filling.remove_cutting(PASSES);
+            filling.cut_to(pass.limit, first);
             filling.world.validate(pass.limit);
-            let seeds = growing.iter().map(|cohort| cohort.present(filling)).sum::<usize>();
-            let grown = filling.world.loose().count() - seeds;
-            history.push((cohort.asked, grown));
-            // Jammed props trade places: a stage adds some and squeezes others out. So as many seeds count as a full
-            // round asks for.
-            let all_found_room = cohort.seeds.len() == cohort.wanted;
-            let below = if all_found_room { fill.full_below.min(ROOM_BELOW) } else { fill.full_below };
-            let least = (below * grown as f64).max(1.0);
-            let then = history.iter().rev().find(|(earlier, _)| earlier + full_round <= cohort.asked);
-            is_full |= then.is_some_and(|&(_, then)| (grown as f64) < then as f64 + least);
+            let kept = filling.world.loose().filter(|&id| id >= first).count();
+            let after = filling.world.loose().count();
+            keeps = kept as f64 / seeds.len() as f64;
+            if keeps < CROWDED && after < pass.limit {
+                share = (share / 2.0).max(LEAST_ROUND * fill.round);
+            }
+            let asked = wanted + history.last().map_or(0, |&(asked, _)| asked);
+            history.push((asked, after));
+            // Jammed props trade places: a small round adds some and squeezes others out. So as many seeds count as a
+            // full round asks for.
+            let full_round = ((fill.round * expected).ceil() as usize).max(LEAST_SEEDS);
+            let below = if seeds.len() == wanted { fill.full_below.min(ROOM_BELOW) } else { fill.full_below };
+            let least = (below * after as f64).max(1.0);
+            let then = history.iter().rev().find(|(earlier, _)| earlier + full_round <= asked);
+            if then.is_some_and(|&(_, then)| (after as f64) < then as f64 + least) {
+                return Ok(true);
+            }
         }
         Ok(false)
-    }
-}
-
-/// Seeds that were planted at one stage, and grow together.
-struct Cohort {
-    /// Of consecutive ids, each with its full scale.
-    seeds: Vec<(BodyId, f64)>,
-    /// Seeds that were asked for, and all that were up to this cohort.
-    wanted: usize,
-    asked: usize,
-    /// Stages of growth so far.
-    age: usize,
-}
-
-impl Cohort {
-    fn present(&self, filling: &Filling) -> usize {
-        self.seeds.iter().filter(|(id, _)| filling.world.is_present(*id)).count()
-    }
-
-    /// One of `stages` stages.
-    fn grow(&mut self, filling: &mut Filling, stages: usize) {
-        self.age += 1;
-        let share = SEED_SCALE + (1.0 - SEED_SCALE) * self.age as f64 / stages as f64;
-        for &(id, scale) in &self.seeds {
-            if filling.world.is_present(id) {
-                let shape = &filling.task.shapes[filling.world.body(id).prop];
-                filling.world.rescale(id, shape, share * scale);
-            }
-        }
-    }
-}
-
-/// Pairs that overlap too deeply, and for how many looks in a row.
-#[derive(Default)]
-struct Squeezed(BTreeMap<(BodyId, BodyId), u32>);
-
-impl Squeezed {
-    /// Looks once a growth. Returns the pairs that are jammed by now.
-    fn look(&mut self, filling: &mut Filling, deep: f64) -> Vec<(BodyId, BodyId)> {
-        let looks = |pair| self.0.get(&pair).map_or(1, |looks| looks + 1);
-        self.0 = filling.world.overlapping(deep).into_iter().map(|pair| (pair, looks(pair))).collect();
-        self.0.iter().filter(|(_, looks)| **looks >= JAMMED).map(|(pair, _)| *pair).collect()
     }
 }
 
@@ -319,4 +278,21 @@ fn place(
         _ => rotation,
     };
     Some(Pose { translation: p, rotation })
+}
+
+/// Lets the seeds grow to their full scale while everything moves.
+fn grow(filling: &mut Filling, seeds: &[(BodyId, f64)], observer: &mut dyn Observer) -> Result<(), Error> {
+    let time = filling.task.params.fill.growth;
+    let stages = (time / GROWTH_STAGE).round().max(1.0);
+    for stage in 1..=stages as usize {
+        let share = SEED_SCALE + (1.0 - SEED_SCALE) * stage as f64 / stages;
+        for &(id, scale) in seeds {
+            if filling.world.is_present(id) {
+                let shape = &filling.task.shapes[filling.world.body(id).prop];
+                filling.world.rescale(id, shape, share * scale);
+            }
+        }
+        filling.settle(time / stages, observer)?;
+    }
+    Ok(())
 }
