@@ -55,8 +55,7 @@ fn the_report_tells_what_made_the_result() {
 fn a_container_that_is_not_full_leaves_no_pile_in_the_air() {
     let desk = Desk::new();
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/assets/cone.glb"), desk.path("cone.glb")).unwrap();
-    let scene =
-        "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=150 --set glue.mode=natural";
+    let scene = "--control cone.glb --prop stick.glb --accuracy draft --set fill.count=150 --set glue.mode=natural";
     desk.line(&format!("bake {scene} -o pile.json --report report.json")).ok();
     let report = last_report(&desk);
     let figure = |name: &str| report["measures"][name].as_f64().unwrap();
