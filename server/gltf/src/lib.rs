@@ -24,5 +24,5 @@ pub use compressed::{DRACO, MESHOPT};
 pub use document::Document;
 pub use geometry::{Geometry, Primitive, UnreadExtensions};
 pub use node::{INSTANCING, VISIBILITY};
-pub use problem::{AssetProblem, ProblemKind};
+pub use problem::{AssetProblem, ProblemKind, grouped};
 pub use source::{Limits, Resolver, Source};

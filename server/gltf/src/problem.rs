@@ -31,7 +31,7 @@ impl fmt::Display for AssetProblem {
 impl std::error::Error for AssetProblem {}
 
 /// A count in groups of three digits: `5,242,880`.
-fn grouped(count: u64) -> String {
+pub fn grouped(count: u64) -> String {
     let digits = count.to_string();
     let mut text = String::new();
     for (i, digit) in digits.chars().enumerate() {

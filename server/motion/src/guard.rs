@@ -158,7 +158,7 @@ impl Guard {
         let watched = !self.take_in_new(world) && world.nail_count() == 0 && !world.scenery_moves();
         let checks_energy = watched && self.step >= self.resting_until && self.step.is_multiple_of(ENERGY_PERIOD);
         world.snapshot(&mut self.before);
-        let energy = watched.then(|| world.energy_of(&self.before));
+        let energy = (checks_energy || watched && self.gain.is_some()).then(|| world.energy_of(&self.before));
         let mut lost = world.step();
         let has_gained = checks_energy && energy.is_some_and(|energy| self.gained(world, energy));
         if has_gained || !self.faults(world).is_empty() {

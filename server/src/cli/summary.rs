@@ -1,6 +1,7 @@
 //! The summary that ends a bake, in a few lines.
 
 use super::print_done;
+use cairn_gltf::grouped;
 use cairn_job::goal::length;
 use serde_json::json;
 use std::path::Path;
@@ -94,19 +95,6 @@ fn glue(measure: impl Fn(&str) -> Option<f64>, counted: impl Fn(&str) -> u64) ->
         line += &format!("; {} broke", grouped(broken));
     }
     Some(line)
-}
-
-/// 1,050.
-fn grouped(number: u64) -> String {
-    let digits = number.to_string();
-    let mut text = String::new();
-    for (i, digit) in digits.chars().enumerate() {
-        if i > 0 && (digits.len() - i).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
 }
 
 #[cfg(test)]
