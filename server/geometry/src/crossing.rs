@@ -67,6 +67,11 @@ impl Surface {
         super::mesh::bounds((0..8).map(|i| map.transform_point3(corner(i))))
     }
 
+    /// The height of the mesh's lowest point, seen through `map`.
+    pub fn lowest(&self, map: &DAffine3) -> f64 {
+        self.mesh.points.iter().map(|p| map.transform_point3(*p).y).fold(f64::INFINITY, f64::min)
+    }
+
     /// Whether a triangle of this mesh crosses one of the other. `map`: from the other's frame to this one's.
     pub fn crosses(&self, other: &Surface, map: &DAffine3) -> bool {
         let mut found = false;

@@ -25,6 +25,7 @@ pub mod simplify;
 #[cfg(test)]
 #[path = "../../testing/messages.rs"]
 mod testing;
+pub mod thickness;
 pub mod topology;
 mod tree;
 pub mod weld;

@@ -2,7 +2,6 @@
 
 mod added;
 mod entrance;
-mod narrow;
 mod shell;
 mod standing;
 #[cfg(test)]
@@ -13,7 +12,9 @@ use crate::extremes;
 use crate::surroundings::Surroundings;
 use cairn_engine::shape::Size;
 use cairn_geometry::ClosedMesh;
+use cairn_geometry::interior::MeshInterior;
 use cairn_geometry::mesh::TriMesh;
+use cairn_geometry::thickness::LocalThickness;
 use cairn_geometry::topology::{self, WELD_TOLERANCE};
 use cairn_input::error::{SceneProblem, counted};
 use cairn_input::params::Params;
@@ -38,6 +39,8 @@ pub struct CheckedScene {
     pub rides: bool,
     /// Shares of the control mesh's volume and surface that scenery leaves, where there is some.
     room: Option<(f64, f64)>,
+    /// How thick the control mesh is from place to place, where it is to be filled.
+    pub thickness: Option<LocalThickness>,
     /// The scenery around the control mesh, where there is some and it is to be filled.
     pub surroundings: Option<Surroundings>,
     /// One per prop.
@@ -139,8 +142,9 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
             found.problem(format!("props.{i}"), text);
         }
     }
+    let mut thickness = None;
     if found.problems.is_empty() {
-        room(scene, params, control.as_ref(), &sizes, &mut found);
+        thickness = room(scene, params, control.as_ref(), &sizes, &mut found);
         found.problems.extend(shell::too_thin(scene, params, &sizes));
     }
     let Findings { problems, mut warnings } = found;
@@ -200,6 +204,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
         piles,
         rides,
         room,
+        thickness,
         surroundings,
         sizes,
         shares,
@@ -280,12 +285,23 @@ const MOST: f64 = 0.5;
 /// A control mesh that is farther above the ground than this, in d, does not stand on it.
 pub const FLOATING: f64 = 0.1;
 
-/// Whether the control mesh is thick enough for the props.
-fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[Size], found: &mut Findings) {
-    let (Some(model), Some(control)) = (&scene.control, control.filter(|_| scene.is_filled(params))) else { return };
+/// Props count as this much thinner than they are: a rounded one fits where its box does not.
+pub const ROUNDED: f64 = 0.9;
+
+/// Whether the control mesh is thick enough for the props. Returns how thick it is from place to place.
+fn room(
+    scene: &Scene,
+    params: &Params,
+    control: Option<&ClosedMesh>,
+    sizes: &[Size],
+    found: &mut Findings,
+) -> Option<LocalThickness> {
+    let (model, control) = (scene.control.as_ref()?, control.filter(|_| scene.is_filled(params))?);
     let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
     let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
-    let share = narrow::thick_share(control, thickness);
+    let local = LocalThickness::new(&MeshInterior::new(&control.mesh));
+    // A ball that just fits: rounding must not decide.
+    let share = local.share(0.999 * ROUNDED * thickness);
     let text = |effect: &str| {
         let percent = if share < 0.01 { "less than 1".into() } else { format!("only {:.0}", 100.0 * share) };
         format!(
@@ -299,6 +315,7 @@ fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[S
     } else if share < MOST {
         found.warnings.push(text(": the rest stays empty"));
     }
+    Some(local)
 }
 
 /// A warning about a small base. The base is the part of the underside within `height` (a share of the mesh's height)

@@ -1,9 +1,11 @@
 //! The plan of a bake: its stages, effects and warnings, before anything runs.
 
-use crate::check::CheckedScene;
+use crate::check::{CheckedScene, ROUNDED};
 use crate::effects::{Effect, EffectName, Resolved};
 use crate::packing::{self, BodyRange, Room, expected_bodies};
 use cairn_geometry::ClosedMesh;
+use cairn_geometry::thickness::{Part, describe_parts};
+use cairn_input::error::counted;
 use cairn_input::observer::Stage;
 use cairn_input::params::{Accuracy, EntranceKind, Params};
 use cairn_input::scene::Scene;
@@ -28,6 +30,12 @@ pub struct Plan {
     pub characteristic_time: f64,
     pub stages: Vec<Stage>,
     pub effects: Vec<Effect>,
+    /// Parts of the control mesh that are too thin for the props: they stay empty.
+    #[serde(default)]
+    pub thin_parts: Vec<Part>,
+    /// At this times their size, the props reach into all of them that they can reach with [`MOST_TO_FIT`] bodies.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitting_scale: Option<f64>,
     /// Sentences for a person: open props, a control mesh below the ground, ...
     pub warnings: Vec<String>,
 }
@@ -60,6 +68,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
             range.low, range.high
         )
     });
+    let thin = Thin::new(scene, params, checked, fill_bodies);
     let steps = release_steps(scene, params, checked);
     Plan {
         most_frames: most_frames(steps * params.physics.step.seconds(checked.characteristic_time(params)), params),
@@ -70,7 +79,52 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
         characteristic_time: checked.characteristic_time(params),
         stages: stages.into_iter().flatten().collect(),
         effects: resolved.effects.clone(),
-        warnings: checked.warnings.iter().cloned().chain(limited).chain(mixed).collect(),
+        warnings: checked.warnings.iter().cloned().chain(limited).chain(mixed).chain(thin.warning(scene)).collect(),
+        thin_parts: thin.parts,
+        fitting_scale: thin.fitting_scale,
+    }
+}
+
+/// Smaller props are recommended if no more bodies than this would fit.
+const MOST_TO_FIT: f64 = 3000.0;
+
+/// Parts of the control mesh that the props are too thick for.
+#[derive(Default)]
+struct Thin {
+    parts: Vec<Part>,
+    fitting_scale: Option<f64>,
+}
+
+impl Thin {
+    /// `bodies`: that the fill will place.
+    fn new(scene: &Scene, params: &Params, checked: &CheckedScene, bodies: usize) -> Thin {
+        let local = checked.thickness.as_ref().filter(|_| checked.core.is_none() && params.fill.count.is_none());
+        let Some(local) = local else { return Thin::default() };
+        // In a limb, props lie along it: their second extent must fit.
+        let drawn = scene.props.iter().zip(&checked.sizes).filter(|(prop, _)| prop.weight > 0.0);
+        let needed = drawn.map(|(prop, size)| ROUNDED * size.extents.y * prop.scale[0]).fold(f64::INFINITY, f64::min);
+        let parts = local.thinner(needed);
+        let least = libm::cbrt(bodies as f64 / MOST_TO_FIT);
+        let scales = parts.iter().map(|part| part.thickness / needed).filter(|scale| *scale >= least);
+        let fitting_scale = scales.reduce(f64::min);
+        Thin { parts, fitting_scale }
+    }
+
+    fn warning(&self, scene: &Scene) -> Option<String> {
+        let name = &scene.control.as_ref()?.name;
+        let share: f64 = self.parts.iter().map(|part| part.share).sum();
+        let remedy = self.fitting_scale.map_or("smaller props, or a thicker shape".into(), |scale| {
+            format!("props of {scale:.2} times their size, or a thicker shape")
+        });
+        let parts = counted(self.parts.len(), "part is", "parts are");
+        (!self.parts.is_empty()).then(|| {
+            format!(
+                "{name}: {parts} too thin for these props, {:.0} % of its volume: {}; what they cannot reach stays \
+                 empty: use {remedy}",
+                100.0 * share,
+                describe_parts(&self.parts)
+            )
+        })
     }
 }
 

@@ -3,6 +3,7 @@
 use super::inputs::{NamedFigures, PhysicsAlone, ReportInputs};
 use super::{Name, Report, contacts, counts, entrance, glue, motion, shape, tidiness, visible, warnings};
 use cairn_geometry::contact::REAL_CONTACT;
+use cairn_geometry::thickness::Part;
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, Stage, observe};
 use cairn_motion::step::Simulation;
@@ -15,6 +16,7 @@ pub struct MeasuredPile {
     counts: [(Count, u64); 4],
     /// The bodies behind `unsupported_fraction`.
     unsupported: Vec<usize>,
+    empty_parts: Vec<Part>,
     notes: Vec<String>,
     own: OwnSeconds,
 }
@@ -46,6 +48,7 @@ pub fn measure(
         if let Some((container, filled)) = filled {
             notes.extend(warnings::fill(inputs, container, filled, first));
         }
+        notes.extend(warnings::empty_parts(&shape.empty_parts, figures.get("shape_iou").copied().flatten()));
         notes.extend(first.caveats(|prop| &inputs.scene.props[prop].model.name));
     }
     let gap = contacts::widest_gap(&sim.pile.world);
@@ -93,7 +96,7 @@ pub fn measure(
         (Count::SupportIterations, support.iterations),
         (Count::VisiblePairs, visible_pairs),
     ];
-    Ok(MeasuredPile { figures, counts, unsupported: support.bodies, notes, own })
+    Ok(MeasuredPile { figures, counts, unsupported: support.bodies, empty_parts: shape.empty_parts, notes, own })
 }
 
 /// The report of a measured pile, which physics alone may have moved since. `spent`: CPU seconds by stage so far; those
@@ -107,7 +110,8 @@ pub fn report(
     observer: &mut dyn Observer,
 ) -> Report {
     let ReportInputs { params, shapes, separation, .. } = *inputs;
-    let MeasuredPile { figures: mut measures, counts: measured, unsupported, mut notes, mut own } = measured;
+    let MeasuredPile { figures: mut measures, counts: measured, unsupported, empty_parts, mut notes, mut own } =
+        measured;
     measures.extend(alone.figures);
     own.free_standing = alone.seconds;
     notes.extend(warnings::end(sim, inputs.held, &measures));
@@ -139,6 +143,7 @@ pub fn report(
         shapes: shapes.iter().map(|s| s.report.clone()).collect(),
         seconds: own.stages,
         unsupported,
+        empty_parts,
         removals: Vec::new(),
         collapse: None,
         warnings: notes,

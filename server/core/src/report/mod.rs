@@ -19,6 +19,7 @@ pub use bake::{BakedGlue, BakedGlueDot};
 pub use glue::baked as baked_glue;
 
 use cairn_engine::shape::ShapeFit;
+use cairn_geometry::thickness::Part;
 use cairn_input::observer::Stage;
 use cairn_input::params::Params;
 use cairn_prepare::effects::{Charge, Count};
@@ -57,6 +58,9 @@ pub struct Report {
     /// The bodies behind `unsupported_fraction`, ascending.
     #[serde(default)]
     pub unsupported: Vec<usize>,
+    /// Parts of the control mesh that are empty in the end, where much of it is.
+    #[serde(default)]
+    pub empty_parts: Vec<Part>,
     /// Bodies that were taken away, in their order.
     #[serde(default)]
     pub removals: Vec<RemovedBody>,

@@ -5,12 +5,16 @@ use cairn_geometry::interior::MeshInterior;
 use cairn_geometry::measure::{self, ShapeMeasurer, ShapeMeasures};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
+use cairn_geometry::thickness::{LocalThickness, Part};
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, observe};
 use cairn_motion::instance::Instance;
 use cairn_motion::pile::Pile;
 use cairn_prepare::effects::EffectName;
 use std::collections::BTreeSet;
+
+/// Below this `shape_iou`, empty parts of the control mesh are looked for.
+pub const POOR_MATCH: f64 = 0.85;
 
 /// The figures that are null where nothing is measured.
 const NAMES: [&str; 14] = [
@@ -36,6 +40,8 @@ pub struct Measured {
     pub figures: NamedFigures,
     /// Right after turning over, or of the first pile that there is.
     pub first: Option<ShapeMeasures>,
+    /// Parts of the control mesh that are empty at the end of the hold, where much of it is.
+    pub empty_parts: Vec<Part>,
     /// Number of shapes measured.
     pub shapes: u64,
     /// Number of pictures taken.
@@ -99,6 +105,10 @@ pub fn figures(
     let at_end = (!held.is_empty()).then(|| measured.measure(&measurer, &pile_of(&props, &held), first.as_ref()));
     if let Some(at_end) = &at_end {
         measured.figures.extend(at_end.figures().map(|(name, value)| (name, Some(value))));
+    }
+    if at_end.as_ref().is_some_and(|end| end.shape_iou.value < POOR_MATCH) && inputs.core.is_none() {
+        measured.shapes += 1;
+        measured.empty_parts = LocalThickness::new(&region).uncovered(measurer.covered(&pile_of(&props, &held)));
     }
     if let Some(first) = &first {
         let kept = at_end.as_ref().and_then(|end| measure::kept_shape(first, &end.shape_iou));

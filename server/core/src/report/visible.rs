@@ -1,8 +1,9 @@
 //! Figures of what a camera sees where bodies meet.
 
 use super::inputs::{NamedFigures, ReportInputs};
-use cairn_engine::world::{ContactPair, PairSide, World};
-use cairn_geometry::measure;
+use cairn_engine::world::{BodyId, ContactPair, PairSide, World};
+use cairn_geometry::contact::REAL_CONTACT;
+use cairn_geometry::measure::Sight;
 use cairn_geometry::mesh::TriMesh;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,7 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const TOUCHING: f64 = 0.005;
 
 /// The names of the figures.
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 8] = [
+    "hanging_visible",
     "visible_cut_share",
     "visible_depth_mean_rel",
     "visible_depth_p95_rel",
@@ -23,6 +25,14 @@ const NAMES: [&str; 7] = [
 /// All figures are null.
 pub fn nothing() -> NamedFigures {
     NAMES.iter().map(|&name| (name, None)).collect()
+}
+
+/// The bodies that stand by themselves, and those that something besides other bodies carries.
+fn carried(pairs: &[ContactPair], world: &World) -> BTreeSet<BodyId> {
+    let is_near = |pair: &&ContactPair| pair.points.iter().any(|p| p.gap <= REAL_CONTACT * world.pair_thickness(pair));
+    let is_fixed = |pair: &&ContactPair| matches!(pair.b, PairSide::Scenery | PairSide::Moving | PairSide::Ground);
+    let on_fixed = pairs.iter().filter(is_fixed).filter(is_near).map(|pair| pair.a);
+    on_fixed.chain(world.present().filter(|&id| world.bodies()[id].role.stands())).collect()
 }
 
 /// The figures of the last frame, and the number of pairs of bodies behind them. `pairs`: at least those that touch.
@@ -45,8 +55,15 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
         .collect();
     let meshes: Vec<&TriMesh> = inputs.scene.props.iter().map(|p| &p.model.mesh).collect();
     let all = inputs.params.accuracy.traits().looks_at_all;
-    let found = measure::visible(&meshes, &bodies, &thickness, &touching, all);
+    let sight = Sight::new(&meshes, &bodies, &thickness);
+    let found = sight.visible(&touching, all);
+    let carried = carried(pairs, world);
+    let hanging = sight.hanging(|i| {
+        let height = sight.lowest(i) - inputs.ground;
+        carried.contains(&present[i]) || inputs.params.ground && height <= REAL_CONTACT * thickness[i]
+    });
     let values = [
+        Some(hanging.len() as f64),
         Some(found.cut_share),
         Some(found.depth_mean),
         Some(found.depth_p95),

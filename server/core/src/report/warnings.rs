@@ -8,6 +8,7 @@ use crate::separate::Separation;
 use cairn_engine::shape::{Size, corners};
 use cairn_engine::world::BodyId;
 use cairn_geometry::measure::ShapeMeasures;
+use cairn_geometry::thickness::{Part, describe_parts};
 use cairn_input::error::counted;
 use cairn_motion::guard;
 use cairn_motion::hold::HoldOutcome;
@@ -81,6 +82,20 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
         ));
     }
     warnings
+}
+
+/// A warning about parts of the control mesh that are empty. `shape_iou`: the match with the control mesh.
+pub fn empty_parts(parts: &[Part], shape_iou: Option<f64>) -> Option<String> {
+    let share: f64 = parts.iter().map(|part| part.share).sum();
+    let are = counted(parts.len(), "part of the control mesh is", "parts of the control mesh are");
+    let (places, shape_iou) = (describe_parts(parts), 100.0 * shape_iou?);
+    (!parts.is_empty()).then(|| {
+        format!(
+            "the pile matches {shape_iou:.0} % of the shape as drawn: {are} empty, {:.0} % of its volume: {places}; \
+             smaller props reach farther (`cairn plan` names a size)",
+            100.0 * share
+        )
+    })
 }
 
 /// A warning about shaking that did harm.
@@ -219,6 +234,7 @@ pub fn end(sim: &Simulation, held: HoldOutcome, measures: &NamedFigures) -> Vec<
     warnings.extend(fallen(sim.fallen));
     warnings.extend(Guarded::of(sim).warnings());
     warnings.extend(unsupported(hanging));
+    warnings.extend(floating(measures.get("hanging_visible").copied().flatten().unwrap_or(0.0) as usize));
     warnings
 }
 
@@ -248,6 +264,16 @@ fn fallen(count: usize) -> Option<String> {
 fn unsupported(count: usize) -> Option<String> {
     let rest = counted(count, "body rests", "bodies rest");
     (count > 0).then(|| format!("{rest} without a chain of contacts down to the ground"))
+}
+
+fn floating(count: usize) -> Option<String> {
+    let hang = counted(count, "body hangs", "bodies hang");
+    (count > 0).then(|| {
+        format!(
+            "{hang} in the air to the eye: no chain of meshes that touch leads from there to what stands; smaller props \
+             fill thin parts, and more accuracy leaves smaller gaps"
+        )
+    })
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ pub use extent::{bounding_sphere, outermost_points, percentile, smallest_extent}
 pub use overlap::{Overlap, Penetration, penetration};
 pub use shape_measurer::ShapeMeasurer;
 pub use solid::SolidSource;
-pub use visible::{Neighbourhood, Visible, visible};
+pub use visible::{Neighbourhood, Sight, Visible};
 
 use crate::counted;
 use crate::mesh::TriMesh;

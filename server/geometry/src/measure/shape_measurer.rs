@@ -137,12 +137,17 @@ impl<'a> ShapeMeasurer<'a> {
 
     /// Closes the cells by d/2 and compares them with the control mesh's; `lost` m^3 of the pile are elsewhere.
     pub(super) fn iou(&self, mut cells: CellBlock, lost: f64) -> f64 {
-        cells.close(self.diameter / 2.0 / self.lattice.cell);
+        cells.close(self.closing());
         // Closing joins what scenery parts.
         self.taken.iter().for_each(|taken| cells.subtract(taken));
         let common = cells.common(&self.control_cells) as f64;
         let lost = lost / self.lattice.cell.powi(3);
         ratio(common, (cells.count() + self.control_cells.count()) as f64 - common + lost)
+    }
+
+    /// The radius of the closing, in cells.
+    pub(super) fn closing(&self) -> f64 {
+        self.diameter / 2.0 / self.lattice.cell
     }
 
     pub(super) fn volume(&self, body: &(usize, f64, Pose)) -> f64 {

@@ -70,74 +70,117 @@ impl Neighbourhood {
     }
 }
 
-/// `bodies`: index into `props`, uniform scale and pose. `thickness`: of each body, m. `touching`: pairs, the lower
-/// index first, whose collision shapes touch. `all`: every body is looked at; else at most [`LOOKED_AT`].
-pub fn visible(
-    props: &[&TriMesh],
-    bodies: &[(usize, f64, Pose)],
-    thickness: &[f64],
-    touching: &BTreeSet<[usize; 2]>,
-    all: bool,
-) -> Visible {
-    let used: BTreeSet<usize> = bodies.iter().map(|b| b.0).collect();
-    let surface = |i: usize| used.contains(&i).then(|| Surface::new(props[i]));
-    let surfaces: Vec<Option<Surface>> = (0..props.len()).into_par_iter().map(surface).collect();
-    let of = |i: usize| surfaces[bodies[i].0].as_ref().expect("it is used");
-    let map = |i: usize| {
-        let (_, scale, pose) = bodies[i];
-        DAffine3::from_scale_rotation_translation(DVec3::splat(scale), pose.rotation, pose.translation)
-    };
-    let boxes: Vec<(DVec3, DVec3)> = (0..bodies.len())
-        .map(|i| {
-            let (lo, hi) = of(i).bounds(&map(i));
+/// A pile's visible meshes, to hold its bodies against each other.
+pub struct Sight<'a> {
+    bodies: &'a [(usize, f64, Pose)],
+    /// Of each body, m.
+    thickness: &'a [f64],
+    /// One for each prop that a body has.
+    surfaces: Vec<Option<Surface>>,
+    near: Neighbourhood,
+}
+
+impl<'a> Sight<'a> {
+    /// `bodies`: index into `props`, uniform scale and pose. `thickness`: of each body, m.
+    pub fn new(props: &[&TriMesh], bodies: &'a [(usize, f64, Pose)], thickness: &'a [f64]) -> Sight<'a> {
+        let used: BTreeSet<usize> = bodies.iter().map(|b| b.0).collect();
+        let surface = |i: usize| used.contains(&i).then(|| Surface::new(props[i]));
+        let surfaces: Vec<Option<Surface>> = (0..props.len()).into_par_iter().map(surface).collect();
+        let mut sight = Sight { bodies, thickness, surfaces, near: Neighbourhood::new(Vec::new()) };
+        let reached = |i: usize| {
+            let (lo, hi) = sight.of(i).bounds(&sight.map(i));
             let reach = DVec3::splat(REAL_CONTACT * thickness[i] / 2.0);
             (lo - reach, hi + reach)
-        })
-        .collect();
-    let stride = if all { 1 } else { boxes.len().div_ceil(LOOKED_AT).max(1) };
-    let is_looked_at = |i: usize| i.is_multiple_of(stride);
-    let count = boxes.len();
-    let near = Neighbourhood::new(boxes);
-    // A pair of two that are looked at is found by the earlier one.
-    let neighbours = |i: usize| near.of(i).into_iter().filter(move |&j| j > i || !is_looked_at(j));
-    let pair = |i: usize, j: usize| {
-        let pair = [i.min(j), i.max(j)];
-        let unit = thickness[i].min(thickness[j]);
-        // In the frame of the first one.
-        let [one, other] = pair.map(of);
-        let [to_world, placed] = pair.map(map);
-        let between = to_world.inverse() * placed;
-        let scale = bodies[pair[0]].1;
-        let depth = one.overlap(other, &between).map(|found| found.depth * scale / unit);
-        let reach = if touching.contains(&pair) { FARTHEST } else { REAL_CONTACT };
-        let gap = match depth {
-            Some(_) => Some(0.0),
-            None => one.distance(other, &between, reach * unit / scale).map(|gap| gap * scale / unit),
         };
-        Neighbours { bodies: pair, unit, depth, gap }
-    };
-    let looked_at: Vec<usize> = (0..count).filter(|&i| is_looked_at(i)).collect();
-    let found: Vec<Vec<Neighbours>> =
-        looked_at.par_iter().map(|&i| neighbours(i).map(|j| pair(i, j)).collect()).collect();
-    let found: Vec<Neighbours> = found.into_iter().flatten().collect();
-    let cut: BTreeSet<usize> = found.iter().filter(|n| n.depth.is_some()).flat_map(|n| n.bodies).collect();
-    let cut = cut.into_iter().filter(|&i| is_looked_at(i)).count();
-    let near = || found.iter().filter(|n| n.gap.is_some_and(|gap| gap <= REAL_CONTACT));
-    let depths: Vec<f64> = near().map(|n| n.depth.unwrap_or(0.0)).collect();
-    let lengths: Vec<f64> = near().map(|n| n.depth.unwrap_or(0.0) * n.unit).collect();
-    let touch = || found.iter().filter(|n| touching.contains(&n.bodies));
-    let gaps: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST)).collect();
-    let wide: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST) * n.unit).collect();
-    Visible {
-        cut_share: cut as f64 / looked_at.len().max(1) as f64,
-        // The sum of nothing is a zero below zero.
-        depth_mean: (0.0 + depths.iter().sum::<f64>()) / depths.len().max(1) as f64,
-        depth_p95: percentile(&depths, 0.95),
-        depth_max: depths.iter().copied().fold(0.0, f64::max),
-        gap_p95: (!gaps.is_empty()).then(|| percentile(&gaps, 0.95)),
-        depth_p95_length: percentile(&lengths, 0.95),
-        gap_p95_length: (!wide.is_empty()).then(|| percentile(&wide, 0.95)),
-        pairs: found.len() as u64,
+        sight.near = Neighbourhood::new((0..bodies.len()).map(reached).collect());
+        sight
+    }
+
+    fn of(&self, i: usize) -> &Surface {
+        self.surfaces[self.bodies[i].0].as_ref().expect("it is used")
+    }
+
+    fn map(&self, i: usize) -> DAffine3 {
+        let (_, scale, pose) = self.bodies[i];
+        DAffine3::from_scale_rotation_translation(DVec3::splat(scale), pose.rotation, pose.translation)
+    }
+
+    /// In the frame of the first one: the other's place, and the thickness of the thinner one.
+    fn between(&self, pair: [usize; 2]) -> (DAffine3, f64) {
+        let [to_world, placed] = pair.map(|i| self.map(i));
+        let unit = self.thickness[pair[0]].min(self.thickness[pair[1]]) / self.bodies[pair[0]].1;
+        (to_world.inverse() * placed, unit)
+    }
+
+    /// The bodies that no chain of neighbours joins to one that is carried: each of a chain is no farther from the next
+    /// one than [`REAL_CONTACT`] of the thinner one's thickness, mesh from mesh. Ascending.
+    pub fn hanging(&self, is_carried: impl Fn(usize) -> bool) -> Vec<usize> {
+        let mut joined: Vec<bool> = (0..self.bodies.len()).map(is_carried).collect();
+        let mut front: Vec<usize> = (0..joined.len()).filter(|&i| joined[i]).collect();
+        while let Some(i) = front.pop() {
+            for j in self.near.of(i) {
+                let pair = [i.min(j), i.max(j)];
+                let meet = || {
+                    let ((between, unit), [one, other]) = (self.between(pair), pair.map(|i| self.of(i)));
+                    one.distance(other, &between, REAL_CONTACT * unit).is_some()
+                };
+                if !joined[j] && meet() {
+                    joined[j] = true;
+                    front.push(j);
+                }
+            }
+        }
+        (0..joined.len()).filter(|&i| !joined[i]).collect()
+    }
+
+    /// The height of a body's lowest point.
+    pub fn lowest(&self, i: usize) -> f64 {
+        self.of(i).lowest(&self.map(i))
+    }
+
+    /// `touching`: pairs, the lower index first, whose collision shapes touch. `all`: every body is looked at; else at
+    /// most [`LOOKED_AT`].
+    pub fn visible(&self, touching: &BTreeSet<[usize; 2]>, all: bool) -> Visible {
+        let count = self.bodies.len();
+        let stride = if all { 1 } else { count.div_ceil(LOOKED_AT).max(1) };
+        let is_looked_at = |i: usize| i.is_multiple_of(stride);
+        // A pair of two that are looked at is found by the earlier one.
+        let neighbours = |i: usize| self.near.of(i).into_iter().filter(move |&j| j > i || !is_looked_at(j));
+        let pair = |i: usize, j: usize| {
+            let pair = [i.min(j), i.max(j)];
+            let ((between, own_unit), [one, other]) = (self.between(pair), pair.map(|i| self.of(i)));
+            let unit = own_unit * self.bodies[pair[0]].1;
+            let depth = one.overlap(other, &between).map(|found| found.depth / own_unit);
+            let reach = if touching.contains(&pair) { FARTHEST } else { REAL_CONTACT };
+            let gap = match depth {
+                Some(_) => Some(0.0),
+                None => one.distance(other, &between, reach * own_unit).map(|gap| gap / own_unit),
+            };
+            Neighbours { bodies: pair, unit, depth, gap }
+        };
+        let looked_at: Vec<usize> = (0..count).filter(|&i| is_looked_at(i)).collect();
+        let found: Vec<Vec<Neighbours>> =
+            looked_at.par_iter().map(|&i| neighbours(i).map(|j| pair(i, j)).collect()).collect();
+        let found: Vec<Neighbours> = found.into_iter().flatten().collect();
+        let cut: BTreeSet<usize> = found.iter().filter(|n| n.depth.is_some()).flat_map(|n| n.bodies).collect();
+        let cut = cut.into_iter().filter(|&i| is_looked_at(i)).count();
+        let near = || found.iter().filter(|n| n.gap.is_some_and(|gap| gap <= REAL_CONTACT));
+        let depths: Vec<f64> = near().map(|n| n.depth.unwrap_or(0.0)).collect();
+        let lengths: Vec<f64> = near().map(|n| n.depth.unwrap_or(0.0) * n.unit).collect();
+        let touch = || found.iter().filter(|n| touching.contains(&n.bodies));
+        let gaps: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST)).collect();
+        let wide: Vec<f64> = touch().map(|n| n.gap.unwrap_or(FARTHEST) * n.unit).collect();
+        Visible {
+            cut_share: cut as f64 / looked_at.len().max(1) as f64,
+            // The sum of nothing is a zero below zero.
+            depth_mean: (0.0 + depths.iter().sum::<f64>()) / depths.len().max(1) as f64,
+            depth_p95: percentile(&depths, 0.95),
+            depth_max: depths.iter().copied().fold(0.0, f64::max),
+            gap_p95: (!gaps.is_empty()).then(|| percentile(&gaps, 0.95)),
+            depth_p95_length: percentile(&lengths, 0.95),
+            gap_p95_length: (!wide.is_empty()).then(|| percentile(&wide, 0.95)),
+            pairs: found.len() as u64,
+        }
     }
 }
 
@@ -171,7 +214,7 @@ mod tests {
         let cube = cube();
         let bodies = row(0.2, &[-0.02, 0.01, 0.3, 0.03]);
         let touching = BTreeSet::from([[0, 1], [1, 2], [3, 4]]);
-        let seen = visible(&[&cube], &bodies, &[0.2; 5], &touching, true);
+        let seen = Sight::new(&[&cube], &bodies, &[0.2; 5]).visible(&touching, true);
         assert!((seen.cut_share - 0.4).abs() < ROUNDING, "{seen:?}");
         // Of three pairs that are near, one cuts.
         assert!((seen.depth_max - 0.02).abs() < 1e-6 && (seen.depth_mean - 0.02 / 3.0).abs() < 1e-6, "{seen:?}");
@@ -179,7 +222,7 @@ mod tests {
         let gap = seen.gap_p95.expect("three pairs touch");
         assert!((gap - (0.01 + 0.9 * 0.02)).abs() < 1e-6, "{gap}");
         assert!((seen.gap_p95_length.expect("they touch") - 0.2 * gap).abs() < ROUNDING);
-        assert_eq!(visible(&[&cube], &bodies, &[0.2; 5], &BTreeSet::new(), true).gap_p95, None);
+        assert_eq!(Sight::new(&[&cube], &bodies, &[0.2; 5]).visible(&BTreeSet::new(), true).gap_p95, None);
     }
 
     #[test]
@@ -188,9 +231,23 @@ mod tests {
         // Every second pair cuts: so does every body.
         let gaps: Vec<f64> = (0..999).map(|k| if k % 2 == 0 { -0.01 } else { 0.01 }).collect();
         let bodies = row(1.0, &gaps);
-        let [all, some] = [true, false].map(|all| visible(&[&cube], &bodies, &[1.0; 1000], &BTreeSet::new(), all));
+        let thickness = [1.0; 1000];
+        let sight = Sight::new(&[&cube], &bodies, &thickness);
+        let [all, some] = [true, false].map(|all| sight.visible(&BTreeSet::new(), all));
         assert!(all.pairs == 999 && some.pairs < 2 * 100 + 1, "{} and {}", all.pairs, some.pairs);
         assert!(all.cut_share == 1.0 && some.cut_share == 1.0);
         assert!((all.depth_mean - 0.005).abs() < 1e-4 && (some.depth_mean - 0.005).abs() < 1e-4);
+    }
+
+    #[test]
+    fn what_hangs_has_no_chain_of_neighbours() {
+        let cube = cube();
+        // Gaps beyond a twentieth part the row; what cuts touches, too.
+        let bodies = row(0.2, &[0.04, -0.01, 0.06, 0.01]);
+        let sight = Sight::new(&[&cube], &bodies, &[0.2; 5]);
+        assert_eq!(sight.hanging(|i| i == 0), [3, 4]);
+        assert_eq!(sight.hanging(|i| i == 4), [0, 1, 2]);
+        assert_eq!(sight.hanging(|_| false), [0, 1, 2, 3, 4]);
+        assert!((sight.lowest(0) + 0.1).abs() < ROUNDING && (sight.lowest(1) + 0.08).abs() < ROUNDING);
     }
 }

@@ -39,6 +39,18 @@ impl ShapeMeasurer<'_> {
         }
     }
 
+    /// Whether a point is in the closed pile.
+    pub fn covered(&self, pile: &Instances) -> impl Fn(DVec3) -> bool {
+        let boxes: Vec<CellBox> = pile.bodies.iter().map(|b| self.body_box(b)).collect();
+        let with_core: Vec<CellBox> = boxes.iter().copied().chain(self.core_box()).collect();
+        let (clip, block) = self.pile_grid(&with_core);
+        let mut cells = self.stamp(pile, &boxes, clip, block);
+        self.core.iter().for_each(|core| cells.add(core));
+        cells.close(self.closing());
+        let lattice = self.lattice;
+        move |p| cells.get(lattice.cell_of(p))
+    }
+
     /// The cells that bodies may fill (the control mesh's box, and as much again on each side as the cap allows), and
     /// an empty block that holds the bodies within, with room to close them.
     fn pile_grid(&self, boxes: &[CellBox]) -> (CellBox, CellBlock) {
@@ -144,6 +156,6 @@ impl ShapeMeasurer<'_> {
     }
 
     fn closing_room(&self) -> i64 {
-        (self.diameter / 2.0 / self.lattice.cell).ceil() as i64 + 1
+        self.closing().ceil() as i64 + 1
     }
 }
