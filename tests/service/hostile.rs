@@ -110,6 +110,7 @@ async fn all_processes_share_one_budget() {
     let (_, end) = events(anna.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     assert_fault(&end.unwrap_err(), Code::ResourceExhausted, "MEMORY_TOGETHER");
     assert!(server.children().is_empty());
+    assert_eq!(server.log().matches("exceed their memory").count(), 1, "it is said once");
     begin(&mut anna, short(2)).await;
 }
 
