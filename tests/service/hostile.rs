@@ -3,7 +3,7 @@
 use crate::service::attacks;
 use crate::service::server::{PROGRAM, Server, assert_fault, begin, channel, endless, events, request, short, until};
 use cairn_service::client::{Connection, Target};
-use cairn_wire::proto::{BakeState, GetServerInfoRequest, PlanBakeRequest};
+use cairn_wire::proto::{BakeState, DeleteBakeRequest, GetServerInfoRequest, PlanBakeRequest};
 use std::io::{ErrorKind, Read};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;
@@ -71,6 +71,59 @@ async fn workers_inherit_no_token_and_are_in_a_sandbox() {
     let read = |name: &str| std::fs::read_to_string(format!("/proc/{worker}/{name}")).unwrap();
     assert!(!has_sandbox || read("status").contains("Seccomp:\t2") && read("status").contains("NoNewPrivs:\t1"));
     assert!(!read("environ").contains("CAIRN_TOKEN") && !read("cmdline").contains("right"));
+}
+
+/// How `nice` a process is.
+fn nice(process: u32) -> i32 {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    // The name before may have spaces.
+    stat.rsplit(") ").next().unwrap().split(' ').nth(16).unwrap().parse().unwrap()
+}
+
+#[tokio::test]
+async fn bakes_have_a_lower_priority_than_the_server() {
+    let server = Server::start(&["--workers", "1"]);
+    let mut anna = server.ready().await;
+    let id = begin(&mut anna, endless(1)).await;
+    until(&mut anna, &id, BakeState::Running).await;
+    let bake = server.children()[0];
+    let wanted = (nice(server.id()) + 10).min(19);
+    // It lowers it when it begins.
+    for _ in 0..500 {
+        if nice(bake) == wanted {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(nice(bake), wanted);
+}
+
+/// What large requests took, and bakes that are gone, is the system's again.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[tokio::test]
+async fn memory_goes_back_to_the_system() {
+    let server = Server::start(&["--workers", "2"]);
+    let mut anna = server.ready().await;
+    let once = begin(&mut anna, short(0)).await;
+    until(&mut anna, &once, BakeState::Succeeded).await;
+    let before = server.memory();
+    let mut channel = channel(&format!("http://{}", server.addresses[0])).await;
+    // Of 24 MiB, which take that much again when they are decoded.
+    let labels = attacks::labels(24 << 20);
+    for _ in 0..4 {
+        let code = labels.send(&mut channel, None).await;
+        assert_eq!(code, Some(Code::InvalidArgument));
+    }
+    anna.service.delete_bake(DeleteBakeRequest { bake_id: once }).await.unwrap();
+    // Soon after, not at once.
+    let most = before + (16 << 20);
+    for _ in 0..500 {
+        if server.memory() < most {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("{} MiB before, {} MiB after", before >> 20, server.memory() >> 20);
 }
 
 /// A server whose bakes, not its plans, are this shell command.

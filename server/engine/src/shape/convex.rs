@@ -293,6 +293,22 @@ mod tests {
     use cairn_geometry::topology::weld;
     use cairn_input::params::{Accuracy, Params};
 
+    #[test]
+    fn a_split_that_would_take_too_long_is_none() {
+        let params = VHACDParameters::default();
+        // Each across the whole mesh.
+        let across = |count: u32| -> (Vec<Vector>, Vec<[u32; 3]>) {
+            let third = |i: u32| Vector::new(i as f32 / count as f32, 0.0, 1.0);
+            let points = [Vector::ZERO, Vector::ONE].into_iter().chain((0..count).map(third)).collect();
+            (points, (0..count).map(|i| [0, 1, i + 2]).collect())
+        };
+        let (points, triangles) = across(4000);
+        assert_eq!(split(&params, &points, &triangles), None);
+        let trough = trough(false);
+        let points: Vec<Vector> = trough.points.iter().map(|p| p.as_vec3()).collect();
+        assert!(split(&params, &points, &trough.triangles).is_some());
+    }
+
     /// A trough of a floor and two walls, closed or with a hole in its floor.
     fn trough(is_open: bool) -> TriMesh {
         let rim = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.8, 1.0), (0.8, 0.2), (0.2, 0.2), (0.2, 1.0), (0.0, 1.0)];
