@@ -2,6 +2,7 @@
 
 use crate::service::attacks;
 use crate::service::server::{PROGRAM, Server, assert_fault, begin, channel, endless, events, request, short, until};
+use crate::service::siege::resident;
 use cairn_service::client::{Connection, Target};
 use cairn_wire::proto::{BakeState, DeleteBakeRequest, GetServerInfoRequest, PlanBakeRequest};
 use std::io::{ErrorKind, Read};
@@ -106,7 +107,7 @@ async fn memory_goes_back_to_the_system() {
     let mut anna = server.ready().await;
     let once = begin(&mut anna, short(0)).await;
     until(&mut anna, &once, BakeState::Succeeded).await;
-    let before = server.memory();
+    let before = resident(server.id());
     let mut channel = channel(&format!("http://{}", server.addresses[0])).await;
     // Of 24 MiB, which take that much again when they are decoded.
     let labels = attacks::labels(24 << 20);
@@ -118,12 +119,12 @@ async fn memory_goes_back_to_the_system() {
     // Soon after, not at once.
     let most = before + (16 << 20);
     for _ in 0..500 {
-        if server.memory() < most {
+        if resident(server.id()) < most {
             return;
         }
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
-    panic!("{} MiB before, {} MiB after", before >> 20, server.memory() >> 20);
+    panic!("{} MiB before, {} MiB after", before >> 20, resident(server.id()) >> 20);
 }
 
 /// A server whose bakes, not its plans, are this shell command.

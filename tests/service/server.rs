@@ -134,17 +134,8 @@ impl Server {
 
     /// The most memory that its process has had so far, bytes.
     pub fn peak_memory(&self) -> u64 {
-        self.of_status("VmHWM:")
-    }
-
-    /// The memory that its process has, bytes.
-    pub fn memory(&self) -> u64 {
-        self.of_status("VmRSS:")
-    }
-
-    fn of_status(&self, name: &str) -> u64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.process.id())).unwrap();
-        let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
         line.trim().trim_end_matches(" kB").parse::<u64>().unwrap() << 10
     }
 

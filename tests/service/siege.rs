@@ -73,7 +73,8 @@ impl Besieged {
     }
 }
 
-fn resident(process: u32) -> u64 {
+/// The memory that a process has, bytes.
+pub fn resident(process: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
     line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<u64>().ok()).unwrap_or(0) << 10
