@@ -1,5 +1,5 @@
-//! What a server keeps of a bake in memory, in bytes that are allocated; and that nothing of it is left once the bake is
-//! deleted. An executable of its own, with one test: all of its allocations count.
+//! What a server keeps of a bake in memory, in bytes that are allocated; and that nothing of it is left once the bake
+//! is deleted. An executable of its own, with one test: all of its allocations count.
 
 // An allocator that counts cannot be had otherwise.
 #![allow(unsafe_code)]

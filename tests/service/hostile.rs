@@ -61,7 +61,7 @@ async fn workers_inherit_no_token_and_are_in_a_sandbox() {
     let id = begin(&mut anna, endless(1)).await;
     until(&mut anna, &id, BakeState::Running).await;
     let has_sandbox = !server.log().contains("no whole sandbox");
-    let worker = server.children()[0];
+    let worker = process_of_bake(&server).await;
     for _ in 0..500 {
         let status = std::fs::read_to_string(format!("/proc/{worker}/status")).unwrap();
         if !has_sandbox || status.contains("Seccomp:\t2") {
@@ -72,6 +72,19 @@ async fn workers_inherit_no_token_and_are_in_a_sandbox() {
     let read = |name: &str| std::fs::read_to_string(format!("/proc/{worker}/{name}")).unwrap();
     assert!(!has_sandbox || read("status").contains("Seccomp:\t2") && read("status").contains("NoNewPrivs:\t1"));
     assert!(!read("environ").contains("CAIRN_TOKEN") && !read("cmdline").contains("right"));
+}
+
+/// The process of the bake that runs, once it is there.
+async fn process_of_bake(server: &Server) -> u32 {
+    let command = |process: &u32| std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
+    for _ in 0..500 {
+        let children = server.children();
+        if let Some(bake) = children.into_iter().find(|process| command(process).contains("worker\0bake")) {
+            return bake;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("no bake runs")
 }
 
 /// How `nice` a process is.
@@ -87,7 +100,7 @@ async fn bakes_have_a_lower_priority_than_the_server() {
     let mut anna = server.ready().await;
     let id = begin(&mut anna, endless(1)).await;
     until(&mut anna, &id, BakeState::Running).await;
-    let bake = server.children()[0];
+    let bake = process_of_bake(&server).await;
     let wanted = (nice(server.id()) + 10).min(19);
     // It lowers it when it begins.
     for _ in 0..500 {

@@ -220,8 +220,8 @@ fn voxel_tests(resolution: u32, points: &[Vector], triangles: &[[u32; 3]]) -> f6
     triangles.iter().map(of).sum()
 }
 
-/// The exact hulls of what the mesh is split into. `None` where the library panics, as it does on some dirty meshes, and
-/// where it would take too long.
+/// The exact hulls of what the mesh is split into. `None` where the library panics, as it does on some dirty meshes,
+/// and where it would take too long.
 pub(super) fn split(params: &VHACDParameters, points: &[Vector], triangles: &[[u32; 3]]) -> Option<Vec<Vec<Vector>>> {
     if voxel_tests(params.resolution, points, triangles) > MOST_VOXEL_TESTS {
         return None;

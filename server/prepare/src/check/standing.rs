@@ -1,6 +1,6 @@
 //! Where the pile stands: on scenery, on the ground, or on nothing.
 
-use super::{CheckedScene, FLOATING, MOST};
+use super::{CheckedScene, FLOATING};
 use crate::surroundings::{self, Carrier, Surroundings};
 use cairn_engine::shape::Size;
 use cairn_engine::units::Units;
@@ -220,7 +220,7 @@ pub fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<Stri
             base += if a.y.max(b.y).max(c.y) <= cut { area } else { 0.0 };
         }
     }
-    (base < MOST * underside).then(|| {
+    (base < super::MOST * underside).then(|| {
         let share = 100.0 * base / underside;
         let cut = cut - ground;
         format!(
