@@ -4,7 +4,7 @@
 #[derive(Clone, Copy)]
 pub enum Priority {
     /// Somebody waits for its answer, which takes no long time.
-    Soon = 5,
+    Soon = 2,
     /// A bake, and what takes as long.
     Later = 10,
 }
