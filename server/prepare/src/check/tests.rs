@@ -56,10 +56,8 @@ fn each_problem_of_a_scene_has_its_cause() {
         (
             "when the layers of a prop nearly touch",
             Scene { props: vec![Prop::new(layers(20_000))], ..whole.clone() },
-            &[
-                "layers: too many of its 20000 triangles are in nearly the same place, 19844 on average; remove copies \
-                 of its parts (in Blender: Mesh, Clean Up, Merge by Distance)",
-            ],
+            &["layers: too many of its 20000 triangles are in nearly the same place, 19844 on average; remove copies \
+                 of its parts (in Blender: Mesh, Clean Up, Merge by Distance)"],
         ),
         (
             "when a prop is empty",
