@@ -1,4 +1,5 @@
-//! All tests of the program and its service, in one executable: it is linked once.
+//! All tests of the program and its service, in one executable: it is linked once. What counts allocations has its own,
+//! `live_bytes.rs`.
 
 mod architecture;
 mod assets;

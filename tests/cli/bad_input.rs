@@ -114,6 +114,31 @@ fn values_out_of_range() {
     }
 }
 
+/// Lengths far beyond those of any thing overflow nothing: they are planned or refused.
+#[test]
+fn lengths_beyond_all_measure() {
+    let desk = Desk::new();
+    for size in [1e-38, 1e-30, 1e-12, 1e12, 1e30, 1e37] {
+        desk.write("odd.glb", glb(&box_json(), &box_data([size; 3])));
+        let mut scaled = box_json();
+        scaled["nodes"][0]["scale"] = json!([size, size, size]);
+        desk.write("scaled.glb", glb(&scaled, &box_data([0.3, 0.2, 0.4])));
+        for odd in ["odd.glb", "scaled.glb"] {
+            for scene in [
+                format!("--control cone.glb --prop {odd}"),
+                format!("--control {odd} --prop brick.glb"),
+                format!("--control {odd} --prop {odd}"),
+                format!("--control cone.glb --prop brick.glb --prop {odd} --set release.interval_natural=1e-9"),
+            ] {
+                for command in ["check", "plan"] {
+                    let done = desk.line(&format!("{command} {scene}"));
+                    assert!([0, 65].contains(&done.code), "{command} {scene}, {size:e}: {}", done.stderr);
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn a_prop_larger_than_the_control_mesh() {
     let desk = Desk::new();

@@ -251,5 +251,13 @@ pub fn swelling(bytes: usize) -> Vec<(&'static str, RawCall)> {
     ]
 }
 
+/// A request for a bake with so many bytes of labels, each its own, and without a scene.
+pub fn labels(bytes: usize) -> RawCall {
+    /// Of the label below.
+    const EACH: usize = 24;
+    let label = |n: usize| field(2, &[field(1, format!("{n:08}").as_bytes()), field(2, b"12345678")].concat());
+    RawCall::new("CreateBake", &(0..bytes / EACH).flat_map(label).collect::<Vec<u8>>())
+}
+
 /// The number of the field `props` of a scene.
 const SCENE_PROPS: u8 = 2;

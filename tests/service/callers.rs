@@ -333,6 +333,25 @@ async fn callers_are_read_again() {
     assert!(is_known("zoe").await && !is_known("anna").await);
 }
 
+/// A bake that waits starts by the limits that hold then, not by those of its request.
+#[tokio::test]
+async fn bakes_that_wait_have_the_limits_of_now() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |text: &str| std::fs::write(folder.path().join("callers.toml"), text).unwrap();
+    write(CALLERS);
+    let server = Server::start_in(folder.path(), &["--callers-file", "callers.toml", "--workers", "2"]);
+    let mut anna = known(&server, "anna").await;
+    crate::service::attacks::upload(&mut anna, &["cone-small.glb", "stick.glb"].map(crate::service::server::content))
+        .await;
+    let first = begin(&mut anna, request(endless(1))).await;
+    let second = begin(&mut anna, request(endless(2))).await;
+    crate::service::server::until(&mut anna, &first, BakeState::Running).await;
+    assert_eq!(crate::service::server::status(&mut anna, &second).await.state(), BakeState::Queued);
+    write(&CALLERS.replace("bakes = 1", "bakes = 2"));
+    server.signal("-HUP");
+    crate::service::server::until(&mut anna, &second, BakeState::Running).await;
+}
+
 #[test]
 fn a_wrong_file_of_callers_is_told() {
     let folder = tempfile::tempdir().unwrap();

@@ -174,7 +174,6 @@ async fn faults_of_the_server_end_one_bake() {
         ("log-create=1*return(EMFILE)", BUSY),
         ("log-append=1*return(ENOSPC)", FULL),
         ("log-flush=1*return(ENOSPC)", FULL),
-        ("log-sync=1*return(EIO)", BROKEN),
         ("worker-spawn=1*return(ENOMEM)", NOT_STARTED),
         ("worker-spawn=1*off->1*return(EMFILE)", NOT_STARTED),
         ("message-read=1*return(EIO)", CRASHED),

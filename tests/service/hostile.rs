@@ -2,8 +2,9 @@
 
 use crate::service::attacks;
 use crate::service::server::{PROGRAM, Server, assert_fault, begin, channel, endless, events, request, short, until};
+use crate::service::siege::resident;
 use cairn_service::client::{Connection, Target};
-use cairn_wire::proto::{BakeState, GetServerInfoRequest, PlanBakeRequest};
+use cairn_wire::proto::{BakeState, DeleteBakeRequest, GetServerInfoRequest, PlanBakeRequest};
 use std::io::{ErrorKind, Read};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;
@@ -60,7 +61,7 @@ async fn workers_inherit_no_token_and_are_in_a_sandbox() {
     let id = begin(&mut anna, endless(1)).await;
     until(&mut anna, &id, BakeState::Running).await;
     let has_sandbox = !server.log().contains("no whole sandbox");
-    let worker = server.children()[0];
+    let worker = process_of_bake(&server).await;
     for _ in 0..500 {
         let status = std::fs::read_to_string(format!("/proc/{worker}/status")).unwrap();
         if !has_sandbox || status.contains("Seccomp:\t2") {
@@ -71,6 +72,72 @@ async fn workers_inherit_no_token_and_are_in_a_sandbox() {
     let read = |name: &str| std::fs::read_to_string(format!("/proc/{worker}/{name}")).unwrap();
     assert!(!has_sandbox || read("status").contains("Seccomp:\t2") && read("status").contains("NoNewPrivs:\t1"));
     assert!(!read("environ").contains("CAIRN_TOKEN") && !read("cmdline").contains("right"));
+}
+
+/// The process of the bake that runs, once it is there.
+async fn process_of_bake(server: &Server) -> u32 {
+    let command = |process: &u32| std::fs::read_to_string(format!("/proc/{process}/cmdline")).unwrap_or_default();
+    for _ in 0..500 {
+        let children = server.children();
+        if let Some(bake) = children.into_iter().find(|process| command(process).contains("worker\0bake")) {
+            return bake;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("no bake runs")
+}
+
+/// How `nice` a process is.
+fn nice(process: u32) -> i32 {
+    let stat = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap();
+    // The name before may have spaces.
+    stat.rsplit(") ").next().unwrap().split(' ').nth(16).unwrap().parse().unwrap()
+}
+
+#[tokio::test]
+async fn bakes_have_a_lower_priority_than_the_server() {
+    let server = Server::start(&["--workers", "1"]);
+    let mut anna = server.ready().await;
+    let id = begin(&mut anna, endless(1)).await;
+    until(&mut anna, &id, BakeState::Running).await;
+    let bake = process_of_bake(&server).await;
+    let wanted = (nice(server.id()) + 10).min(19);
+    // It lowers it when it begins.
+    for _ in 0..500 {
+        if nice(bake) == wanted {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(nice(bake), wanted);
+}
+
+/// What large requests took, and bakes that are gone, is the system's again.
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+#[tokio::test]
+async fn memory_goes_back_to_the_system() {
+    let server = Server::start(&["--workers", "2"]);
+    let mut anna = server.ready().await;
+    let once = begin(&mut anna, short(0)).await;
+    until(&mut anna, &once, BakeState::Succeeded).await;
+    let before = resident(server.id());
+    let mut channel = channel(&format!("http://{}", server.addresses[0])).await;
+    // Of 24 MiB, which take that much again when they are decoded.
+    let labels = attacks::labels(24 << 20);
+    for _ in 0..4 {
+        let code = labels.send(&mut channel, None).await;
+        assert_eq!(code, Some(Code::InvalidArgument));
+    }
+    anna.service.delete_bake(DeleteBakeRequest { bake_id: once }).await.unwrap();
+    // Soon after, not at once.
+    let most = before + (16 << 20);
+    for _ in 0..500 {
+        if resident(server.id()) < most {
+            return;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    panic!("{} MiB before, {} MiB after", before >> 20, resident(server.id()) >> 20);
 }
 
 /// A server whose bakes, not its plans, are this shell command.
@@ -110,6 +177,7 @@ async fn all_processes_share_one_budget() {
     let (_, end) = events(anna.service.bake(request(short(1))).await.unwrap().into_inner()).await;
     assert_fault(&end.unwrap_err(), Code::ResourceExhausted, "MEMORY_TOGETHER");
     assert!(server.children().is_empty());
+    assert_eq!(server.log().matches("exceed their memory").count(), 1, "it is said once");
     begin(&mut anna, short(2)).await;
 }
 

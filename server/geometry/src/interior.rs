@@ -7,6 +7,7 @@
 //! inside may be understated near such a face, never overstated.
 
 pub mod bvh;
+pub mod crowding;
 mod grid;
 mod ray;
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Checks a scene before anything runs: all problems at once, the warnings, and the sizes that the rest is measured in.
 
 mod added;
+mod crowded;
 mod entrance;
 mod shell;
 mod standing;
@@ -108,6 +109,7 @@ impl FieldChecks<'_> {
 
 /// Checks scene and parameters.
 pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProblem>> {
+    crowded::check(scene)?;
     let piles = piles(scene, params)?;
     let mut found = Findings { problems: params.problems(), warnings: Vec::new() };
     let control = scene.control.as_ref().and_then(|model| closed("control_mesh", "control mesh", model, &mut found));
@@ -174,7 +176,7 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
         if standing.room.is_some() {
             warnings.extend(standing.warnings);
         } else if gap <= FLOATING * diameter {
-            warnings.extend(base(&model.name, &control.mesh, ground, params.base.height));
+            warnings.extend(standing::base(&model.name, &control.mesh, ground, params.base.height));
         } else if scene.statics.is_empty() && params.ground {
             warnings.push(format!(
                 "{}: it floats {gap:.3} m above the ground (ground_height): the pile starts there and falls; leave \
@@ -316,31 +318,6 @@ fn room(
         found.warnings.push(text(": the rest stays empty"));
     }
     Some(local)
-}
-
-/// A warning about a small base. The base is the part of the underside within `height` (a share of the mesh's height)
-/// above the ground: a pour's opening is cut there, and the pile stands on it. It is small for a ball, hooves, a hill
-/// with a hollow underside.
-fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> {
-    let cut = ground + height * (mesh.bounds().1.y - ground);
-    let (mut underside, mut base) = (0.0, 0.0);
-    for i in 0..mesh.triangles.len() {
-        let [a, b, c] = mesh.corners(i);
-        // Seen from below, m^2.
-        let area = -(b - a).cross(c - a).y / 2.0;
-        if area > 0.0 {
-            underside += area;
-            base += if a.y.max(b.y).max(c.y) <= cut { area } else { 0.0 };
-        }
-    }
-    (base < MOST * underside).then(|| {
-        let share = 100.0 * base / underside;
-        let cut = cut - ground;
-        format!(
-            "{name}: the pile stands on a small foot: {share:.0} % of its underside lies within {cut:.3} m of the \
-             ground (base.height), where a pour enters, too; flatten the underside, or raise base.height"
-        )
-    })
 }
 
 /// A control mesh that fills less of its own box than this has no inside to speak of.

@@ -86,7 +86,8 @@ impl Bounds {
         deeper: usize,
     ) -> Result<(), End> {
         let deeper = deeper.checked_sub(1).ok_or(End::Malformed)?;
-        let mut counts: HashMap<u32, usize> = HashMap::new();
+        // Of the few lists that a message has, the entries so far.
+        let mut counts: Vec<(u32, usize)> = Vec::new();
         while !bytes.is_empty() {
             let key = number(&mut bytes)?;
             let (tag, wire) = (u32::try_from(key >> 3).map_err(|_| End::Malformed)?, key & 7);
@@ -115,9 +116,13 @@ impl Bounds {
             };
             let is_repeated = field.cardinality() == Cardinality::Repeated;
             let index = is_repeated.then(|| {
-                let count = counts.entry(tag).or_default();
-                *count += 1;
-                *count - 1
+                let known = counts.iter().position(|(known, _)| *known == tag);
+                let place = known.unwrap_or_else(|| {
+                    counts.push((tag, 0));
+                    counts.len() - 1
+                });
+                counts[place].1 += 1;
+                counts[place].1 - 1
             });
             let within = Path::Field(path, field.name(), index);
             self.pay(&field, wire, value.len(), &within)?;

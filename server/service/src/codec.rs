@@ -1,6 +1,7 @@
 //! Messages on the wire. What would take too much memory is refused before it is decoded, and so is a field of a bake's
 //! spec that this version does not know: a newer client must not get another pile from an older server.
 
+use crate::blocking::in_place;
 use crate::bounds;
 use crate::status::Fault;
 use bytes::Buf;
@@ -8,7 +9,6 @@ use cairn_wire::scene_file::schema;
 use prost::Message;
 use prost_reflect::MessageDescriptor;
 use std::marker::PhantomData;
-use tokio::runtime::{Handle, RuntimeFlavor};
 use tonic::Status;
 use tonic::codec::{BufferSettings, Codec, DecodeBuf, Decoder};
 use tonic_prost::{ProstCodec, ProstEncoder};
@@ -45,7 +45,8 @@ impl<U: Message + Default + 'static> Decoder for CheckedDecoder<U> {
 
     fn decode(&mut self, buffer: &mut DecodeBuf<'_>) -> Result<Option<U>, Status> {
         let bytes = buffer.copy_to_bytes(buffer.remaining());
-        apart(bytes.len(), || {
+        let is_long = bytes.len() > LONG;
+        let decode = || {
             let Some(request) = request::<U>() else {
                 return U::decode(bytes).map(Some).map_err(|error| Status::internal(error.to_string()));
             };
@@ -55,18 +56,13 @@ impl<U: Message + Default + 'static> Decoder for CheckedDecoder<U> {
                     format!("it is no message {}: {error}; encode it by this server's schema", request.full_name());
                 Fault::field("", what).into()
             })
-        })
+        };
+        if is_long { in_place(decode) } else { decode() }
     }
 }
 
 /// Larger messages take longer to decode than other calls may wait.
 const LONG: usize = 64 << 10;
-
-/// Runs what takes long for a large message, while other threads go on with the calls that this one has.
-fn apart<T>(bytes: usize, run: impl FnOnce() -> T) -> T {
-    let has_others = Handle::try_current().is_ok_and(|now| now.runtime_flavor() == RuntimeFlavor::MultiThread);
-    if bytes > LONG && has_others { tokio::task::block_in_place(run) } else { run() }
-}
 
 /// The schema of a request; `None`: of an answer, which a client reads.
 fn request<U>() -> Option<MessageDescriptor> {

@@ -69,6 +69,14 @@ impl MemoryBudget {
         Share { budget: self.clone(), process, over }
     }
 
+    /// Asks a process to end. Returns whether nobody has before: it takes a while until its memory is free.
+    fn end(&self, process: u32) -> bool {
+        let over = self.members().get(&process).map(|member| member.over.clone());
+        let over = over.filter(|over| !over.is_cancelled());
+        over.iter().for_each(CancellationToken::cancel);
+        over.is_some()
+    }
+
     /// Looks at the processes again and again, while there are any.
     pub async fn watch(self: Arc<MemoryBudget>) {
         loop {
@@ -81,13 +89,14 @@ impl MemoryBudget {
             let sizes: Vec<Size> = (processes.into_iter())
                 .map(|(process, is_plan)| Size { process, is_plan, bytes: machine::memory_of(process) })
                 .collect();
-            if let Some(victim) = victim(&sizes, self.all) {
+            if let Some(victim) = victim(&sizes, self.all)
+                && self.end(victim.process)
+            {
                 warn!(
                     memory_mib = self.all >> 20,
                     process_mib = victim.bytes >> 20,
                     "bakes and plans together exceed their memory: the largest process ends"
                 );
-                self.members().get(&victim.process).iter().for_each(|member| member.over.cancel());
             }
             tokio::time::sleep(LOOK).await;
         }
@@ -140,6 +149,16 @@ mod tests {
         assert_eq!(victim(&bakes, 90), Some(bakes[1]));
         let plans = [size(1, false, 60), size(2, true, 20), size(3, true, 30)];
         assert_eq!(victim(&plans, 100), Some(plans[2]));
+    }
+
+    #[test]
+    fn a_process_is_asked_to_end_once() {
+        let budget = MemoryBudget::new(&Config::default());
+        let share = budget.join(1, false);
+        assert!(budget.end(1) && share.over().is_cancelled());
+        assert!(!budget.end(1), "it is about to end");
+        drop(share);
+        assert!(!budget.end(1), "it has ended");
     }
 
     #[test]

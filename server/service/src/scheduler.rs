@@ -1,6 +1,6 @@
 //! The order in which waiting bakes start: by priority, then by the number of running bakes of their caller, fewest
 //! first, so that nobody holds all workers while others wait, then by age. The limits of running bakes of a caller and
-//! of its project are kept.
+//! of its project are kept, as they are when a bake starts.
 
 use crate::access::Caller;
 use std::cmp::Reverse;
@@ -33,9 +33,9 @@ pub struct Slot {
     caller: Caller,
 }
 
-/// An entry in the queue, until it is dropped.
-struct Waiting<'a> {
-    scheduler: &'a Scheduler,
+/// A place in the queue, until it is dropped.
+pub struct Waiting {
+    scheduler: Arc<Scheduler>,
     position: QueuePosition,
 }
 
@@ -46,27 +46,37 @@ impl Scheduler {
         Arc::new(Scheduler { state: Mutex::new(state), changed: Notify::new() })
     }
 
+    /// Gives the bakes that wait the limits that `of` says.
+    pub fn set_limits(&self, of: impl Fn(&Caller) -> Caller) {
+        self.state().waiting.values_mut().for_each(|caller| *caller = of(caller));
+        self.changed.notify_waiters();
+    }
+
     fn state(&self) -> MutexGuard<'_, SchedulerState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Enters the queue.
+    pub fn enter(self: &Arc<Self>, caller: Caller, priority: i32) -> Waiting {
+        let mut state = self.state();
+        state.next += 1;
+        let position = (Reverse(priority), state.next);
+        state.waiting.insert(position, caller);
+        Waiting { scheduler: self.clone(), position }
+    }
+}
+
+impl Waiting {
     /// Waits for a slot. Dropping the future leaves the queue.
-    pub async fn take(self: &Arc<Self>, caller: &Caller, priority: i32) -> Slot {
-        let position = {
-            let mut state = self.state();
-            state.next += 1;
-            let position = (Reverse(priority), state.next);
-            state.waiting.insert(position, caller.clone());
-            position
-        };
-        let waiting = Waiting { scheduler: self, position };
+    pub async fn slot(self) -> Slot {
+        let scheduler = &self.scheduler;
         loop {
-            let changed = self.changed.notified();
+            let changed = scheduler.changed.notified();
             tokio::pin!(changed);
             changed.as_mut().enable();
-            if self.state().begin(position) {
-                drop(waiting);
-                return Slot { scheduler: self.clone(), caller: caller.clone() };
+            let begun = scheduler.state().begin(self.position);
+            if let Some(caller) = begun {
+                return Slot { scheduler: scheduler.clone(), caller };
             }
             changed.await;
         }
@@ -74,8 +84,8 @@ impl Scheduler {
 }
 
 impl SchedulerState {
-    /// Takes a slot if this position is the first of those that may run. Returns whether it did.
-    fn begin(&mut self, position: QueuePosition) -> bool {
+    /// Takes a slot if this position is the first of those that may run. Returns its caller, if so.
+    fn begin(&mut self, position: QueuePosition) -> Option<Caller> {
         let running = |caller: &Caller| self.running.get(&caller.name).copied().unwrap_or(0);
         let of_project = |caller: &Caller| self.of_projects.get(caller.project()).copied().unwrap_or(0);
         let may_run = |caller: &Caller| {
@@ -86,18 +96,17 @@ impl SchedulerState {
         let waiting = self.waiting.iter().filter(|(_, caller)| may_run(caller));
         let first = waiting.min_by_key(|((priority, age), caller)| (*priority, running(caller), *age));
         if self.free == 0 || first.map(|(position, _)| *position) != Some(position) {
-            return false;
+            return None;
         }
+        let caller = self.waiting.remove(&position)?;
         self.free -= 1;
-        if let Some(caller) = self.waiting.remove(&position) {
-            *self.of_projects.entry(caller.project().to_owned()).or_default() += 1;
-            *self.running.entry(caller.name).or_default() += 1;
-        }
-        true
+        *self.of_projects.entry(caller.project().to_owned()).or_default() += 1;
+        *self.running.entry(caller.name.clone()).or_default() += 1;
+        Some(caller)
     }
 }
 
-impl Drop for Waiting<'_> {
+impl Drop for Waiting {
     fn drop(&mut self) {
         self.scheduler.state().waiting.remove(&self.position);
         self.scheduler.changed.notify_waiters();
@@ -126,6 +135,12 @@ mod tests {
     use super::*;
     use crate::access::CallerLimits;
     use std::time::Duration;
+
+    impl Scheduler {
+        async fn take(self: &Arc<Self>, caller: &Caller, priority: i32) -> Slot {
+            self.enter(caller.clone(), priority).slot().await
+        }
+    }
 
     /// Names in the order in which they get the only slot.
     async fn order(scheduler: &Arc<Scheduler>, wanted: &[(&'static str, i32)]) -> Vec<&'static str> {
@@ -174,6 +189,29 @@ mod tests {
         assert!(!third.is_finished(), "it is older, but one of its caller runs already");
         drop(second);
         drop((theirs, third.await.unwrap()));
+    }
+
+    #[tokio::test]
+    async fn new_limits_hold_for_those_that_wait() {
+        let scheduler = Scheduler::new(3);
+        let limited = |most| {
+            let limits = CallerLimits { bakes: Some(most), ..CallerLimits::default() };
+            Caller { limits, ..Caller::named("anna") }
+        };
+        let first = scheduler.take(&limited(1), 0).await;
+        let wait = |scheduler: &Arc<Scheduler>| {
+            let scheduler = scheduler.clone();
+            tokio::spawn(async move { scheduler.take(&limited(1), 0).await })
+        };
+        let (second, third) = (wait(&scheduler), wait(&scheduler));
+        tokio::task::yield_now().await;
+        scheduler.set_limits(|caller| Caller { limits: limited(2).limits, ..caller.clone() });
+        let second = second.await.unwrap();
+        tokio::task::yield_now().await;
+        assert!(!third.is_finished(), "two of three run");
+        drop((first, second));
+        drop(third.await.unwrap());
+        assert!(scheduler.state().running.is_empty());
     }
 
     #[tokio::test]

@@ -29,7 +29,7 @@ use crate::worker_message::ResultHead;
 use bytes::Bytes;
 use cairn_export::{Format, SIDECAR_FOLDER};
 use cairn_files::failpoints;
-use cairn_files::{remove_unfinished, sync_folder, write_atomically};
+use cairn_files::{Staged, remove_unfinished, sync_folder, write_atomically};
 use cairn_wire::digest::hex;
 use cairn_wire::proto::{AnalysePileRequest, AssetReference, BakeSpec, BakeState, BakeStatus};
 pub use limits::BakeKeeper;
@@ -225,9 +225,16 @@ impl Store {
         let folder = self.folder(id);
         // Not the folders above: where the disk is away, they must not appear.
         fs::create_dir(&folder)?;
-        self.fill(&folder, &spec.assets, spec, project)?;
-        sync_folder(&self.root.join("bakes"))?;
+        self.fill(&folder, &spec.assets, project)?;
+        // Its name outlives a power cut once the status does.
+        Staged::write(&folder.join(SPEC), &sealed(spec.encode_to_vec()))?.publish()?;
         Ok(folder)
+    }
+
+    /// Saves that a bake is accepted. From now on, a power cut does not undo it.
+    pub fn keep_accepted(&self, status: &BakeStatus) -> Result<()> {
+        self.write_status(status)?;
+        sync_folder(&self.root.join("bakes"))
     }
 
     /// The request of a bake.
@@ -275,7 +282,8 @@ impl Store {
     pub fn prepare_plan(&self, spec: &BakeSpec, project: &str) -> Result<TempDir> {
         self.check_here()?;
         let folder = TempDir::new_in(self.root.join("partial"))?;
-        self.fill(folder.path(), &spec.assets, spec, project)?;
+        self.fill(folder.path(), &spec.assets, project)?;
+        write_passing(&folder.path().join(SPEC), &sealed(spec.encode_to_vec()))?;
         Ok(folder)
     }
 
@@ -289,14 +297,16 @@ impl Store {
     ) -> Result<TempDir> {
         self.check_here()?;
         let folder = TempDir::new_in(self.root.join("partial"))?;
-        self.fill(folder.path(), if result.is_some() { &[] } else { &request.assets }, request, project)?;
+        self.fill(folder.path(), if result.is_some() { &[] } else { &request.assets }, project)?;
+        write_passing(&folder.path().join(SPEC), &sealed(request.encode_to_vec()))?;
         if let (Some(result), Some(asset)) = (result, request.assets.first()) {
             fs::hard_link(result, folder.path().join(ASSETS).join(&asset.sha256))?;
         }
         Ok(folder)
     }
 
-    fn fill(&self, folder: &Path, assets: &[AssetReference], request: &impl Message, project: &str) -> Result<()> {
+    /// Gives a folder those of these assets that the store has.
+    fn fill(&self, folder: &Path, assets: &[AssetReference], project: &str) -> Result<()> {
         failpoints::at("store-folder")?;
         fs::create_dir(folder.join(ASSETS))?;
         for asset in assets {
@@ -309,7 +319,7 @@ impl Store {
                 Err(error) => return Err(error),
             }
         }
-        write_atomically(&folder.join(SPEC), &sealed(request.encode_to_vec()))
+        Ok(())
     }
 
     pub fn write_status(&self, status: &BakeStatus) -> Result<()> {
@@ -414,13 +424,30 @@ impl Store {
     }
 
     pub fn remove(&self, id: &str) -> Result<()> {
+        self.take_away(id).map(drop)
+    }
+
+    /// Takes a bake out of the store at once. Its files go when what is returned is dropped, which takes a while.
+    pub fn take_away(&self, id: &str) -> Result<Option<TempDir>> {
         failpoints::at("store-remove")?;
         self.check_here()?;
-        match fs::remove_dir_all(self.folder(id)) {
-            Err(error) if error.kind() != ErrorKind::NotFound => Err(error),
-            _ => Ok(()),
+        let folder = self.folder(id);
+        if !folder.exists() {
+            return Ok(None);
         }
+        let away = TempDir::new_in(self.root.join("partial"))?;
+        match fs::rename(&folder, away.path().join(id)) {
+            Err(error) if error.kind() == ErrorKind::CrossesDevices => fs::remove_dir_all(&folder)?,
+            moved => moved?,
+        }
+        Ok(Some(away))
     }
+}
+
+/// Writes a file that no power cut needs to spare.
+fn write_passing(path: &Path, bytes: &[u8]) -> Result<()> {
+    failpoints::at("files-create")?;
+    failpoints::write("files-write", &mut File::create(path)?, bytes)
 }
 
 /// The name of an asset's file.

@@ -106,7 +106,11 @@ pub fn plan(folder: &Path, with_estimates: bool) -> Result<(), WorkerError> {
     let refused = |error: cairn_core::Error| failed(error.into(), &job.notes);
     let estimates = if with_estimates { job.estimates().map_err(refused)? } else { Vec::new() };
     let plan = cairn_core::plan(&job.scene, &job.params).map_err(refused)?;
-    cairn_files::write_atomically(&folder.join(SCENE), SceneTree::from_message(&job.effective).to_json().as_bytes())?;
+    if !with_estimates {
+        // The bake's server syncs the folder when it saves that the bake is accepted.
+        let scene = SceneTree::from_message(&job.effective).to_json();
+        cairn_files::Staged::write(&folder.join(SCENE), scene.as_bytes())?.publish()?;
+    }
     let most_bytes = job.most_bytes(&plan, Format::from_wire(spec.format()));
     let has_parameters_only = job.effective.encoded_len() > MAX_SCENE;
     send(WorkerMessage::Planned(Box::new(proto::Accepted {

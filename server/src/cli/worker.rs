@@ -3,6 +3,7 @@
 use super::{Failure, bounds};
 use cairn_job::machine;
 use cairn_job::reuse::BakeCache;
+use cairn_service::priority::{self, Priority};
 use cairn_service::worker::{self, WorkerError};
 use cairn_service::{analysis, sandbox};
 use std::path::PathBuf;
@@ -44,6 +45,10 @@ enum WorkerCommand {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    priority::lower(match args.task {
+        WorkerCommand::Accept => Priority::Soon,
+        _ => Priority::Later,
+    });
     // Before any thread, which would be outside. What is missing of it, the server has said.
     let folders = std::iter::once(args.folder.as_path()).chain(args.cache.as_deref());
     args.cache.iter().for_each(|cache| drop(std::fs::create_dir_all(cache)));

@@ -202,8 +202,30 @@ impl<'a> Unit<'a> {
     }
 }
 
-/// The exact hulls of what the mesh is split into. `None` where the library panics, as it does on some dirty meshes.
+/// Tests of a triangle against a voxel that a split may take: half a minute of one core. Fine meshes take a few for
+/// each triangle; only very many triangles that are as large as the mesh itself take more.
+const MOST_VOXEL_TESTS: f64 = 5e7;
+
+/// Voxels in the boxes around the triangles.
+fn voxel_tests(resolution: u32, points: &[Vector], triangles: &[[u32; 3]]) -> f64 {
+    let bounds = |points: &mut dyn Iterator<Item = Vector>| {
+        points.fold((Vector::INFINITY, Vector::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
+    };
+    let (low, high) = bounds(&mut points.iter().copied());
+    let voxel = (high - low).max_element() / resolution as f32;
+    let of = |triangle: &[u32; 3]| {
+        let (low, high) = bounds(&mut triangle.iter().map(|&v| points[v as usize]));
+        f64::from(((high - low) / voxel + 1.0).element_product())
+    };
+    triangles.iter().map(of).sum()
+}
+
+/// The exact hulls of what the mesh is split into. `None` where the library panics, as it does on some dirty meshes,
+/// and where it would take too long.
 pub(super) fn split(params: &VHACDParameters, points: &[Vector], triangles: &[[u32; 3]]) -> Option<Vec<Vec<Vector>>> {
+    if voxel_tests(params.resolution, points, triangles) > MOST_VOXEL_TESTS {
+        return None;
+    }
     let parts = catch_unwind(AssertUnwindSafe(|| {
         let split = VHACD::decompose(params, points, triangles, true);
         split.compute_exact_convex_hulls(points, triangles)
@@ -270,6 +292,22 @@ mod tests {
     use crate::shape::deviation::surface_samples;
     use cairn_geometry::topology::weld;
     use cairn_input::params::{Accuracy, Params};
+
+    #[test]
+    fn a_split_that_would_take_too_long_is_none() {
+        let params = VHACDParameters::default();
+        // Each across the whole mesh.
+        let across = |count: u32| -> (Vec<Vector>, Vec<[u32; 3]>) {
+            let third = |i: u32| Vector::new(i as f32 / count as f32, 0.0, 1.0);
+            let points = [Vector::ZERO, Vector::ONE].into_iter().chain((0..count).map(third)).collect();
+            (points, (0..count).map(|i| [0, 1, i + 2]).collect())
+        };
+        let (points, triangles) = across(4000);
+        assert_eq!(split(&params, &points, &triangles), None);
+        let trough = trough(false);
+        let points: Vec<Vector> = trough.points.iter().map(|p| p.as_vec3()).collect();
+        assert!(split(&params, &points, &trough.triangles).is_some());
+    }
 
     /// A trough of a floor and two walls, closed or with a hole in its floor.
     fn trough(is_open: bool) -> TriMesh {

@@ -5,6 +5,7 @@ use crate::surroundings::{self, Carrier, Surroundings};
 use cairn_engine::shape::Size;
 use cairn_engine::units::Units;
 use cairn_geometry::interior::{DistanceGrid, MeshInterior};
+use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::{ClosedMesh, RESOLUTION};
 use cairn_input::params::Params;
 use cairn_input::scene::Scene;
@@ -202,4 +203,29 @@ impl CheckedScene {
     pub fn room_shares(&self) -> (f64, f64) {
         self.room.unwrap_or((1.0, 1.0))
     }
+}
+
+/// A warning about a small base. The base is the part of the underside within `height` (a share of the mesh's height)
+/// above the ground: a pour's opening is cut there, and the pile stands on it. It is small for a ball, hooves, a hill
+/// with a hollow underside.
+pub fn base(name: &str, mesh: &TriMesh, ground: f64, height: f64) -> Option<String> {
+    let cut = ground + height * (mesh.bounds().1.y - ground);
+    let (mut underside, mut base) = (0.0, 0.0);
+    for i in 0..mesh.triangles.len() {
+        let [a, b, c] = mesh.corners(i);
+        // Seen from below, m^2.
+        let area = -(b - a).cross(c - a).y / 2.0;
+        if area > 0.0 {
+            underside += area;
+            base += if a.y.max(b.y).max(c.y) <= cut { area } else { 0.0 };
+        }
+    }
+    (base < super::MOST * underside).then(|| {
+        let share = 100.0 * base / underside;
+        let cut = cut - ground;
+        format!(
+            "{name}: the pile stands on a small foot: {share:.0} % of its underside lies within {cut:.3} m of the \
+             ground (base.height), where a pour enters, too; flatten the underside, or raise base.height"
+        )
+    })
 }

@@ -18,6 +18,17 @@ fn cube(size: f64) -> Model {
     Model::new("cube", TriMesh { points: (0..8).map(corner).collect(), triangles })
 }
 
+/// Triangles, each a little above the one before.
+fn layers(count: usize) -> Model {
+    let corners = |i: usize| {
+        let y = 1e-7 * i as f64;
+        [DVec3::new(0.0, y, 0.0), DVec3::new(0.0, y, 0.2), DVec3::new(0.2, y, 0.0)]
+    };
+    let triangle = |i: usize| [0, 1, 2].map(|k| 3 * i as u32 + k);
+    let points = (0..count).flat_map(corners).collect();
+    Model::new("layers", TriMesh { points, triangles: (0..count).map(triangle).collect() })
+}
+
 fn empty() -> Model {
     Model::new("empty", TriMesh::default())
 }
@@ -41,6 +52,12 @@ fn each_problem_of_a_scene_has_its_cause() {
             "when the control mesh is empty",
             Scene { control: Some(empty()), ..whole.clone() },
             &["empty: the control mesh has no triangles; model the pile's rough shape as a closed mesh"],
+        ),
+        (
+            "when the layers of a prop nearly touch",
+            Scene { props: vec![Prop::new(layers(20_000))], ..whole.clone() },
+            &["layers: too many of its 20000 triangles are in nearly the same place, 19844 on average; remove copies \
+                 of its parts (in Blender: Mesh, Clean Up, Merge by Distance)"],
         ),
         (
             "when a prop is empty",

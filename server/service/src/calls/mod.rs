@@ -8,6 +8,7 @@ use crate::access::{Caller, caller};
 use crate::accounts::Account;
 use crate::api::pile_service_server::PileService;
 use crate::audit;
+use crate::blocking::on_disk;
 use crate::config::MAX_CHUNK;
 use crate::deadline;
 use crate::folder::{REPORT, ResultKind, SCENE};
@@ -91,11 +92,6 @@ impl Service {
             max_age_seconds: config.store_time().unwrap_or_default().as_secs_f64(),
         }
     }
-}
-
-/// Runs work that waits for the disk on a thread for blocking work.
-async fn on_disk<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Fault> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Fault::Internal(error.to_string()))
 }
 
 #[tonic::async_trait]

@@ -2,6 +2,7 @@
 
 use super::{Bakes, Entry};
 use crate::access::Caller;
+use crate::blocking::in_place;
 use crate::folder::ResultKind;
 use crate::process::WorkerTask;
 use crate::quotas::Permit;
@@ -44,7 +45,8 @@ impl Bakes {
             result = Some(self.store.folder(&entry.id()).join(&name));
             request.assets = vec![AssetReference { uri: name, sha256 }];
         }
-        let folder = self.store.prepare_analysis(&request, result.as_deref(), caller.project())?;
+        let prepare = || self.store.prepare_analysis(&request, result.as_deref(), caller.project());
+        let folder = in_place(prepare)?;
         Ok(NewAnalysis { folder, caller: caller.clone(), _permit: permit, _token: token })
     }
 
@@ -55,7 +57,7 @@ impl Bakes {
         caller: &mpsc::Sender<Result<AnalysePileResponse, Status>>,
     ) -> Result<(), Fault> {
         let run = async {
-            let _slot = self.scheduler.take(&new.caller, 0).await;
+            let _slot = self.enter_queue(&new.caller, 0).slot().await;
             let work = async {
                 let mut worker = self.start_worker(WorkerTask::Analyse, new.folder.path(), new.caller.project())?;
                 let mut is_whole = false;

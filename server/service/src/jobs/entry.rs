@@ -3,7 +3,7 @@
 use crate::accounts::Account;
 use crate::status::status_of;
 use cairn_wire::proto::{BakeState, BakeStatus, Failure};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::watch;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -20,6 +20,8 @@ pub struct Entry {
     deadline: Mutex<Option<Instant>>,
     /// Held while its result is made in a further format.
     pub(super) export: tokio::sync::Mutex<()>,
+    /// Held while its status is saved, so that the last one is the latest.
+    saving: Mutex<()>,
 }
 
 /// The state of a bake.
@@ -72,7 +74,13 @@ impl Entry {
             cancelled: CancellationToken::new(),
             deadline: Mutex::new(deadline),
             export: tokio::sync::Mutex::default(),
+            saving: Mutex::default(),
         })
+    }
+
+    /// Keeps others from saving its status.
+    pub(super) fn saving(&self) -> MutexGuard<'_, ()> {
+        self.saving.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Adds the deadline of another caller.

@@ -21,7 +21,7 @@ use crate::hook::Hook;
 use crate::memory::MemoryBudget;
 use crate::process::{Worker, WorkerTask};
 use crate::quotas::Quota;
-use crate::scheduler::Scheduler;
+use crate::scheduler::{Scheduler, Waiting};
 use crate::status::Fault;
 use crate::store::Store;
 pub use analysis::NewAnalysis;
@@ -89,14 +89,23 @@ impl Bakes {
         })
     }
 
-    /// Takes over who may call, with which limits.
+    /// Takes over who may call, with which limits. Bakes that wait have them, too.
     pub fn set_access(&self, access: Access) {
-        *self.access.write().unwrap_or_else(PoisonError::into_inner) = access;
+        // Nobody enters the queue between the two.
+        let mut now = self.access.write().unwrap_or_else(PoisonError::into_inner);
+        *now = access;
+        self.scheduler.set_limits(|caller| now.caller(&caller.name, caller.project()));
     }
 
     /// A caller by its name, with its limits and those of its project as they are now.
     fn caller(&self, name: &str, project: &str) -> Caller {
         self.access.read().unwrap_or_else(PoisonError::into_inner).caller(name, project)
+    }
+
+    /// Enters the queue of bakes, with the limits that a caller has now.
+    fn enter_queue(&self, caller: &Caller, priority: i32) -> Waiting {
+        let access = self.access.read().unwrap_or_else(PoisonError::into_inner);
+        self.scheduler.enter(access.caller(&caller.name, caller.project()), priority)
     }
 
     fn entries(&self) -> MutexGuard<'_, BTreeMap<String, Arc<Entry>>> {
@@ -123,6 +132,7 @@ impl Bakes {
 
     /// Saves who wants a bake. The summary of one that has ended is only on disk, and stays.
     fn save_callers(&self, entry: &Entry) {
+        let _alone = entry.saving();
         if entry.state.borrow().accepted
             && let Ok(status) = self.status(entry)
         {

@@ -3,6 +3,7 @@
 use super::submission::set_accuracy;
 use super::{Bakes, bake_id};
 use crate::access::Caller;
+use crate::blocking::in_place;
 use crate::process::{Worker, WorkerTask};
 use crate::status::Fault;
 use crate::worker_message::WorkerMessage;
@@ -16,7 +17,7 @@ impl Bakes {
         self.accepts_work()?;
         let _permit = self.plan_quota.try_acquire(caller).ok_or_else(|| self.queue_full())?;
         let _planner = self.planner_quota.acquire(caller).await;
-        let folder = self.store.prepare_plan(&spec, caller.project())?;
+        let folder = in_place(|| self.store.prepare_plan(&spec, caller.project()))?;
         let mut worker = None;
         let accepted = self.run_plan(WorkerTask::Plan, folder.path(), caller.project(), &mut worker).await?;
         set_accuracy(&mut spec, accepted.effective_scene.as_ref());

@@ -41,11 +41,14 @@ impl Bakes {
                 entry.extend_deadline(deadline);
                 let mut is_new = false;
                 entry.state.send_modify(|now| is_new = add_caller(&mut now.status, caller, labels));
+                let entry = entry.clone();
+                // Others need not wait until it is saved.
+                drop(entries);
                 if is_new {
-                    self.save_callers(entry);
+                    self.save_callers(&entry);
                 }
                 METRICS.bakes_shared.inc();
-                return Ok(entry.clone());
+                return Ok(entry);
             }
             if !entry.state.borrow().has_ended() {
                 // It was just cancelled, and its folder is still in use.

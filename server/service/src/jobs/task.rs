@@ -3,6 +3,7 @@
 use super::restart::accepted_before;
 use super::{Bakes, Entry, EntryState, bake_id, end_with, now};
 use crate::access::Caller;
+use crate::blocking::in_place;
 use crate::event_log::{Extent, LogWriter};
 use crate::folder::EVENTS;
 use crate::metrics::METRICS;
@@ -12,7 +13,7 @@ use crate::status::Fault;
 use crate::worker_message::WorkerMessage;
 use cairn_files::failpoints;
 use cairn_wire::proto::bake_event::Kind;
-use cairn_wire::proto::{Accepted, BakeSpec, BakeState, Summary};
+use cairn_wire::proto::{Accepted, BakeCaller, BakeSpec, BakeState, Summary};
 use cairn_wire::versions::versions;
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -57,7 +58,7 @@ impl Bakes {
             if let Some(mut worker) = worker {
                 worker.kill().await;
             }
-            bakes.finish(&entry, result);
+            in_place(|| bakes.finish(&entry, result));
             bakes.request_trim();
         };
         self.tasks.spawn(life.instrument(span));
@@ -108,21 +109,32 @@ impl Bakes {
                 (permit, accepted)
             }
         };
-        let extent = LogWriter::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.sync()?;
+        // A power cut may take the event: the next server then makes it again.
+        let first = || LogWriter::create(&folder.join(EVENTS), Kind::Accepted(Box::new(accepted)))?.flush();
+        let extent = in_place(first)?;
         entry.state.send_modify(|now| {
-            now.accepted = true;
             now.status.set_state(BakeState::Queued);
             now.reached(extent);
         });
-        self.write_status(entry)?;
+        let saved = in_place(|| {
+            let _alone = entry.saving();
+            let status = entry.state.borrow().status.clone();
+            self.store.keep_accepted(&status).map(|()| status.callers)
+        })?;
+        entry.state.send_modify(|now| now.accepted = true);
+        self.save_new_callers(entry, &saved);
         info!(owner = &*caller.name, "accepted");
 
-        let _slot = self.scheduler.take(&caller, priority).await;
+        let _slot = self.enter_queue(&caller, priority).slot().await;
         entry.state.send_modify(|bake| {
             bake.status.set_state(BakeState::Running);
             bake.status.start_time = Some(now());
         });
-        self.write_status(entry)?;
+        in_place(|| {
+            let _alone = entry.saving();
+            let status = entry.state.borrow().status.clone();
+            self.store.write_status(&status)
+        })?;
         info!("started");
         let _running = Running::new();
         failpoints::at("bake-task")?;
@@ -146,7 +158,7 @@ impl Bakes {
         slot: &mut Option<Worker>,
     ) -> Result<Accepted, Fault> {
         let _planner = self.planner_quota.acquire(caller).await;
-        self.store.prepare(id, spec, caller.project())?;
+        in_place(|| self.store.prepare(id, spec, caller.project()))?;
         self.plan_in(id, folder, caller.project(), slot).await
     }
 
@@ -250,6 +262,9 @@ impl Bakes {
             *self.last_time.lock().unwrap_or_else(PoisonError::into_inner) = time;
         }
         if bake.accepted {
+            let alone = entry.saving();
+            bake.status.callers = entry.state.borrow().status.callers.clone();
+            let saved = bake.status.callers.clone();
             self.hook.iter().for_each(|hook| hook.report(&bake.status));
             match self.store.write_status(&bake.status) {
                 Ok(()) => {
@@ -260,22 +275,32 @@ impl Bakes {
                 // Keep the assets: the next server will resume the bake.
                 Err(error) => warn!(%error, "the end of the bake could not be saved"),
             }
-            entry.state.send_replace(bake);
+            entry.state.send_modify(|now| {
+                bake.status.callers = std::mem::take(&mut now.status.callers);
+                *now = bake;
+            });
+            drop(alone);
+            self.save_new_callers(entry, &saved);
         } else {
             // A refused request leaves nothing behind.
             let mut entries = self.entries();
             entries.remove(&id);
-            if let Err(error) = self.store.remove(&id) {
-                warn!(%error, "the folder of a refused bake could not be removed");
-            }
+            let files = self.store.take_away(&id);
             drop(entries);
+            match files {
+                Ok(files) => drop(files),
+                Err(error) => warn!(%error, "the folder of a refused bake could not be removed"),
+            }
             entry.state.send_replace(bake);
         }
     }
 
-    fn write_status(&self, entry: &Entry) -> std::io::Result<()> {
-        let status = entry.state.borrow().status.clone();
-        self.store.write_status(&status)
+    /// Saves the status of a bake again if others want it now than those that were saved.
+    fn save_new_callers(&self, entry: &Entry, saved: &[BakeCaller]) {
+        let has_changed = entry.state.borrow().status.callers != saved;
+        if has_changed {
+            in_place(|| self.save_callers(entry));
+        }
     }
 }
 

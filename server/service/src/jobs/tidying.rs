@@ -3,6 +3,7 @@
 use super::{Bakes, Entry};
 use crate::access::CallerLimits;
 use crate::accounts::Account;
+use crate::heap;
 use crate::metrics::METRICS;
 use crate::store::BakeKeeper;
 use cairn_wire::proto::BakeState;
@@ -20,12 +21,16 @@ impl Bakes {
     pub(super) fn remove_ended(&self, id: &str) -> std::io::Result<bool> {
         let mut entries = self.entries();
         let is_at_work = entries.get(id).is_some_and(|entry| !entry.state.borrow().has_ended());
-        if !is_at_work {
-            // If this fails, the entry stays for another attempt.
-            self.store.remove(id)?;
-            entries.remove(id);
+        if is_at_work {
+            return Ok(false);
         }
-        Ok(!is_at_work)
+        // If this fails, the entry stays for another attempt.
+        let files = self.store.take_away(id)?;
+        entries.remove(id);
+        drop(entries);
+        // Nobody waits for this.
+        drop(files);
+        Ok(true)
     }
 
     /// Requests a check of the store's limits, after an asset or a bake was added.
@@ -62,7 +67,9 @@ impl Bakes {
             let (bakes, began) = (self.clone(), Instant::now());
             let trim = move || {
                 bakes.forget_old();
-                bakes.store.trim(&*bakes, &|account| bakes.limits_of(account))
+                let trimmed = bakes.store.trim(&*bakes, &|account| bakes.limits_of(account));
+                heap::give_back();
+                trimmed
             };
             let trimmed = tokio::task::spawn_blocking(trim).await;
             match trimmed {

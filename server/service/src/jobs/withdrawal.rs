@@ -2,6 +2,7 @@
 
 use super::{Bakes, Entry};
 use crate::access::{Caller, CallerRole};
+use crate::blocking::in_place;
 use crate::status::Fault;
 use cairn_wire::proto::BakeStatus;
 
@@ -26,7 +27,8 @@ impl Bakes {
         if self.withdraw(caller, &entry)? {
             entry.cancelled.cancel();
             entry.wait_ended().await;
-            self.remove_ended(&entry.id())?;
+            in_place(|| self.remove_ended(&entry.id()))?;
+            self.request_trim();
         }
         Ok(())
     }
