@@ -98,6 +98,13 @@ fn set_down(pile: &mut Pile, filled: usize, inputs: &TurnOverInputs) {
         pose.translation.y -= gap;
         pile.world.put(id, pose);
     }
+    if gap > FLOATING {
+        pile.notes.push(format!(
+            "the pile was moved down by {:.3} m as a whole, until it stands: its lowest props do not reach the foot of \
+             the shape; smaller props do",
+            gap * inputs.units.length
+        ));
+    }
 }
 
 /// The least height of a body's corner above what carries its place, d.

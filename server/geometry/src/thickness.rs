@@ -29,17 +29,16 @@ pub const LEAST_PART: f64 = 0.01;
 /// A solid's local thickness at random points.
 #[derive(Clone, Debug, Default)]
 pub struct LocalThickness {
+    points: Vec<DVec3>,
+    /// The largest ball that holds each of them.
     balls: Vec<Ball>,
-    /// At each point, m.
-    thickness: Vec<f64>,
     /// Mean distance of the points, m.
     spacing: f64,
 }
 
-/// A ball within the solid that touches its surface, and the point that it was looked for from.
+/// A ball within the solid that touches its surface.
 #[derive(Clone, Copy, Debug)]
 struct Ball {
-    point: DVec3,
     center: DVec3,
     radius: f64,
 }
@@ -62,27 +61,33 @@ impl LocalThickness {
     pub fn new(region: &MeshInterior) -> LocalThickness {
         let mut rng = Pcg64Mcg::seed_from_u64(0);
         let points: Vec<DVec3> = (0..SAMPLES).map_while(|_| region.sample_inside(&mut rng)).collect();
-        let balls: Vec<Ball> = points.into_iter().map(|point| largest_ball(region, point)).collect();
-        let largest = |point: DVec3| {
+        let touching: Vec<Ball> = points.iter().map(|&point| touching_ball(region, point)).collect();
+        let largest = |(&point, own): (&DVec3, &Ball)| {
             let holds = |ball: &&Ball| ball.center.distance_squared(point) <= (CORNER * ball.radius).powi(2);
-            2.0 * balls.iter().filter(holds).map(|ball| ball.radius).fold(0.0, f64::max)
+            let larger = |a: Ball, b: &Ball| if b.radius > a.radius { *b } else { a };
+            touching.iter().filter(holds).fold(*own, larger)
         };
-        let thickness = balls.iter().map(|ball| largest(ball.point)).collect();
-        let spacing = libm::cbrt(region.volume() / balls.len().max(1) as f64);
-        LocalThickness { balls, thickness, spacing }
+        let balls = points.iter().zip(&touching).map(largest).collect();
+        let spacing = libm::cbrt(region.volume() / points.len().max(1) as f64);
+        LocalThickness { points, balls, spacing }
+    }
+
+    /// At a point, m.
+    fn thickness(&self, i: usize) -> f64 {
+        2.0 * self.balls[i].radius
     }
 
     /// Share of the volume that is at least so thick, m. 1 without samples.
     pub fn share(&self, thickness: f64) -> f64 {
-        match self.thickness.len() {
+        match self.points.len() {
             0 => 1.0,
-            n => self.thickness.iter().filter(|t| **t >= thickness).count() as f64 / n as f64,
+            n => (0..n).filter(|&i| self.thickness(i) >= thickness).count() as f64 / n as f64,
         }
     }
 
     /// The parts that are thinner than that, m.
     pub fn thinner(&self, thickness: f64) -> Vec<Part> {
-        self.parts(|i| self.thickness[i] < thickness)
+        self.parts(|i| self.thickness(i) < thickness)
     }
 
     /// The parts whose middle is not covered.
@@ -92,19 +97,19 @@ impl LocalThickness {
 
     /// Connected parts of the points that belong to them, the largest first.
     fn parts(&self, belongs: impl Fn(usize) -> bool) -> Vec<Part> {
-        let mut left: Vec<usize> = (0..self.balls.len()).filter(|&i| belongs(i)).collect();
+        let mut left: Vec<usize> = (0..self.points.len()).filter(|&i| belongs(i)).collect();
         let near = (NEIGHBOURS * self.spacing).powi(2);
         let mut parts = Vec::new();
         while let Some(first) = left.pop() {
             let mut members = vec![first];
             let mut next = 0;
             while let Some(&from) = members.get(next) {
-                let from = self.balls[from].point;
-                let is_near = |i: &usize| self.balls[*i].point.distance_squared(from) <= near;
+                let from = self.points[from];
+                let is_near = |i: &usize| self.points[*i].distance_squared(from) <= near;
                 members.extend(left.extract_if(.., |i| is_near(i)));
                 next += 1;
             }
-            if members.len() as f64 >= LEAST_PART * self.balls.len() as f64 {
+            if members.len() as f64 >= LEAST_PART * self.points.len() as f64 {
                 parts.push(self.part(&members));
             }
         }
@@ -113,14 +118,14 @@ impl LocalThickness {
     }
 
     fn part(&self, members: &[usize]) -> Part {
-        let points = members.iter().map(|&i| self.balls[i].point);
+        let points = members.iter().map(|&i| self.points[i]);
         let (low, high) = crate::mesh::bounds(points);
-        let mut thickness: Vec<f64> = members.iter().map(|&i| self.thickness[i]).collect();
+        let mut thickness: Vec<f64> = members.iter().map(|&i| self.thickness(i)).collect();
         thickness.sort_by(f64::total_cmp);
         Part {
             center: ((low + high) / 2.0).to_array(),
             size: (high - low).to_array(),
-            share: members.len() as f64 / self.balls.len() as f64,
+            share: members.len() as f64 / self.points.len() as f64,
             thickness: thickness[thickness.len() / 2],
         }
     }
@@ -137,8 +142,8 @@ pub fn describe_parts(parts: &[Part]) -> String {
     places.join("; ")
 }
 
-/// The largest ball that touches the surface at the point nearest to this one, on its side.
-fn largest_ball(region: &MeshInterior, point: DVec3) -> Ball {
+/// The largest ball within the solid that touches the surface at the place nearest to a point.
+fn touching_ball(region: &MeshInterior, point: DVec3) -> Ball {
     let (foot, depth, _) = region.nearest(point);
     let inward = (point - foot).normalize_or_zero();
     let (low, high) = region.bounds();
@@ -154,7 +159,7 @@ fn largest_ball(region: &MeshInterior, point: DVec3) -> Ball {
         radius = smaller;
     }
     let radius = radius.max(depth);
-    Ball { point, center: foot + inward * radius, radius }
+    Ball { center: foot + inward * radius, radius }
 }
 
 #[cfg(test)]

@@ -280,8 +280,7 @@ fn is_hollow(mesh: &TriMesh) -> bool {
 /// If less of the control mesh than this share is as thick as the thinnest prop, the scene is refused: the pile would
 /// have another shape.
 const LEAST_THICK: f64 = 0.1;
-/// The user is warned where less than this share is as thick, or less than this share of the underside lies on the
-/// ground: most of the mesh is then not what the pile needs.
+/// The user is warned where less than this share of the underside lies on the ground.
 const MOST: f64 = 0.5;
 
 /// A control mesh that is farther above the ground than this, in d, does not stand on it.
@@ -304,18 +303,14 @@ fn room(
     let local = LocalThickness::new(&MeshInterior::new(&control.mesh));
     // A ball that just fits: rounding must not decide.
     let share = local.share(0.999 * ROUNDED * thickness);
-    let text = |effect: &str| {
-        let percent = if share < 0.01 { "less than 1".into() } else { format!("only {:.0}", 100.0 * share) };
-        format!(
-            "{}: {percent} % of the control mesh is as thick as the thinnest prop ({thickness:.3} m){effect}; make it \
-             thicker (is it a hollow shell?), or the props smaller",
-            model.name
-        )
-    };
     if share < LEAST_THICK {
-        found.problem("control_mesh", text(", so that next to none would find room"));
-    } else if share < MOST {
-        found.warnings.push(text(": the rest stays empty"));
+        let percent = if share < 0.01 { "less than 1".into() } else { format!("only {:.0}", 100.0 * share) };
+        let text = format!(
+            "{}: {percent} % of the control mesh is as thick as the thinnest prop ({thickness:.3} m), so that next to \
+             none would find room; make it thicker (is it a hollow shell?), or the props smaller",
+            model.name
+        );
+        found.problem("control_mesh", text);
     }
     Some(local)
 }

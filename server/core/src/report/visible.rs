@@ -57,10 +57,10 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
     let all = inputs.params.accuracy.traits().looks_at_all;
     let sight = Sight::new(&meshes, &bodies, &thickness);
     let found = sight.visible(&touching, all);
-    let carried = carried(pairs, world);
-    let hanging = sight.hanging(|i| {
+    let (carried, gap) = (carried(pairs, world), inputs.params.accuracy.traits().visible_contact);
+    let hanging = sight.hanging(gap, |i| {
         let height = sight.lowest(i) - inputs.ground;
-        carried.contains(&present[i]) || inputs.params.ground && height <= REAL_CONTACT * thickness[i]
+        carried.contains(&present[i]) || inputs.params.ground && height <= gap * thickness[i]
     });
     let values = [
         Some(hanging.len() as f64),

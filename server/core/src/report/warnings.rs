@@ -279,7 +279,8 @@ fn floating(count: usize) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::{
-        Guarded, HoldOutcome, Removed, Shaken, fallen, poor_fill, removed, rest, separation, shaken, unsupported,
+        Guarded, HoldOutcome, Removed, Shaken, fallen, floating, poor_fill, removed, rest, separation, shaken,
+        unsupported,
     };
     use crate::separate::Separation;
     use crate::testing::says_only;
@@ -405,14 +406,14 @@ mod tests {
             ..Guarded::default()
         };
         let none = Guarded::default;
-        for (case, held, fell, guarded, hanging, words) in [
-            ("when all is well", still, 0, none(), 0, &[] as &[&str]),
+        for (case, held, fell, guarded, [hanging, floating_bodies], words) in [
+            ("when all is well", still, 0, none(), [0, 0], &[] as &[&str]),
             (
                 "when bodies still move",
                 HoldOutcome { at_rest: false, moving: 2, ..still },
                 0,
                 none(),
-                0,
+                [0, 0],
                 &["2 bodies were still moving at the last frame; bake more frames, or raise hold.patience"],
             ),
             (
@@ -420,7 +421,7 @@ mod tests {
                 HoldOutcome { at_rest: false, ..still },
                 0,
                 none(),
-                0,
+                [0, 0],
                 &["no body moved at the last frame, but the pile had not been still for long enough"],
             ),
             (
@@ -428,7 +429,7 @@ mod tests {
                 still,
                 2,
                 none(),
-                0,
+                [0, 0],
                 &["2 bodies fell past the scenery and were set aside: there is no ground"],
             ),
             (
@@ -436,7 +437,7 @@ mod tests {
                 still,
                 0,
                 aside(AsideReason::NotFinite),
-                0,
+                [0, 0],
                 &["bodies 4 (brick), 6 (brick) (2 in all) became numerically unstable: set aside"],
             ),
             (
@@ -444,7 +445,7 @@ mod tests {
                 still,
                 0,
                 aside(AsideReason::TooFast),
-                0,
+                [0, 0],
                 &["(2 in all) became faster than anything in the scene could make them: set aside"],
             ),
             (
@@ -452,7 +453,7 @@ mod tests {
                 still,
                 0,
                 aside(AsideReason::BelowGround),
-                0,
+                [0, 0],
                 &["(2 in all) fell through the ground: set aside"],
             ),
             (
@@ -460,7 +461,7 @@ mod tests {
                 still,
                 0,
                 Guarded { retries: 3, ..none() },
-                0,
+                [0, 0],
                 &["3 steps gained energy or speed and were repeated in smaller ones"],
             ),
             (
@@ -468,21 +469,30 @@ mod tests {
                 still,
                 0,
                 Guarded { deep: 2, stiffened: true, ..none() },
-                0,
+                [0, 0],
                 &["2 pairs of bodies overlap by more than half of the thinner one's thickness in the end, even with \
                    stiffer contacts"],
             ),
-            ("when stiffer contacts helped", still, 0, Guarded { stiffened: true, ..none() }, 0, &[]),
+            ("when stiffer contacts helped", still, 0, Guarded { stiffened: true, ..none() }, [0, 0], &[]),
             (
                 "when bodies hang",
                 still,
                 0,
                 none(),
-                2,
+                [2, 0],
                 &["2 bodies rest without a chain of contacts down to the ground"],
+            ),
+            (
+                "when meshes do not touch",
+                still,
+                0,
+                none(),
+                [0, 2],
+                &["2 bodies hang in the air to the eye: no chain of meshes that touch leads from there to what stands"],
             ),
         ] {
             let said = rest(held).into_iter().chain(fallen(fell)).chain(guarded.warnings()).chain(unsupported(hanging));
+            let said = said.chain(floating(floating_bodies));
             says_only(case, &said.collect::<Vec<_>>(), words);
         }
     }

@@ -87,13 +87,18 @@ impl<'a> Sight<'a> {
         let surface = |i: usize| used.contains(&i).then(|| Surface::new(props[i]));
         let surfaces: Vec<Option<Surface>> = (0..props.len()).into_par_iter().map(surface).collect();
         let mut sight = Sight { bodies, thickness, surfaces, near: Neighbourhood::new(Vec::new()) };
+        sight.near = sight.neighbourhood(REAL_CONTACT);
+        sight
+    }
+
+    /// For gaps up to that of a thickness.
+    fn neighbourhood(&self, gap: f64) -> Neighbourhood {
         let reached = |i: usize| {
-            let (lo, hi) = sight.of(i).bounds(&sight.map(i));
-            let reach = DVec3::splat(REAL_CONTACT * thickness[i] / 2.0);
+            let (lo, hi) = self.of(i).bounds(&self.map(i));
+            let reach = DVec3::splat(gap * self.thickness[i] / 2.0);
             (lo - reach, hi + reach)
         };
-        sight.near = Neighbourhood::new((0..bodies.len()).map(reached).collect());
-        sight
+        Neighbourhood::new((0..self.bodies.len()).map(reached).collect())
     }
 
     fn of(&self, i: usize) -> &Surface {
@@ -113,16 +118,17 @@ impl<'a> Sight<'a> {
     }
 
     /// The bodies that no chain of neighbours joins to one that is carried: each of a chain is no farther from the next
-    /// one than [`REAL_CONTACT`] of the thinner one's thickness, mesh from mesh. Ascending.
-    pub fn hanging(&self, is_carried: impl Fn(usize) -> bool) -> Vec<usize> {
+    /// one than `gap` of the thinner one's thickness, mesh from mesh. Ascending.
+    pub fn hanging(&self, gap: f64, is_carried: impl Fn(usize) -> bool) -> Vec<usize> {
+        let near = self.neighbourhood(gap);
         let mut joined: Vec<bool> = (0..self.bodies.len()).map(is_carried).collect();
         let mut front: Vec<usize> = (0..joined.len()).filter(|&i| joined[i]).collect();
         while let Some(i) = front.pop() {
-            for j in self.near.of(i) {
+            for j in near.of(i) {
                 let pair = [i.min(j), i.max(j)];
                 let meet = || {
                     let ((between, unit), [one, other]) = (self.between(pair), pair.map(|i| self.of(i)));
-                    one.distance(other, &between, REAL_CONTACT * unit).is_some()
+                    one.distance(other, &between, gap * unit).is_some()
                 };
                 if !joined[j] && meet() {
                     joined[j] = true;
@@ -245,9 +251,10 @@ mod tests {
         // Gaps beyond a twentieth part the row; what cuts touches, too.
         let bodies = row(0.2, &[0.04, -0.01, 0.06, 0.01]);
         let sight = Sight::new(&[&cube], &bodies, &[0.2; 5]);
-        assert_eq!(sight.hanging(|i| i == 0), [3, 4]);
-        assert_eq!(sight.hanging(|i| i == 4), [0, 1, 2]);
-        assert_eq!(sight.hanging(|_| false), [0, 1, 2, 3, 4]);
+        assert_eq!(sight.hanging(REAL_CONTACT, |i| i == 0), [3, 4]);
+        assert_eq!(sight.hanging(0.07, |i| i == 0), []);
+        assert_eq!(sight.hanging(REAL_CONTACT, |i| i == 4), [0, 1, 2]);
+        assert_eq!(sight.hanging(REAL_CONTACT, |_| false), [0, 1, 2, 3, 4]);
         assert!((sight.lowest(0) + 0.1).abs() < ROUNDING && (sight.lowest(1) + 0.08).abs() < ROUNDING);
     }
 }

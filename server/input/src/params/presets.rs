@@ -15,6 +15,8 @@ pub struct AccuracyTraits {
     pub separates: bool,
     /// The forces at the contacts of the final pile are solved for.
     pub measures_support: bool,
+    /// Visible meshes touch up to this gap, in thicknesses of the thinner one: the collision shapes are no closer.
+    pub visible_contact: f64,
     /// CPU time of a fill / that of a fill at `standard`: median over the study's scenes.
     pub fill_cost_factor: f64,
     /// CPU time of glue and its proof / that at `standard`.
@@ -46,6 +48,7 @@ impl Accuracy {
             measures_support: true,
             looks_at_all: false,
             separates: false,
+            visible_contact: 0.05,
             fill_cost_factor: 1.0,
             glue_cost_factor: 1.0,
             glue_joints_factor: 1.0,
@@ -61,9 +64,10 @@ impl Accuracy {
                 measures_support: false,
                 looks_at_all: false,
                 separates: false,
+                visible_contact: 0.15,
                 fill_cost_factor: 0.47,
                 // Nothing is released on trial.
-                glue_cost_factor: 0.07,
+                glue_cost_factor: 0.2,
                 // Joints are chosen in fewer rounds, without a trial.
                 glue_joints_factor: 2.1,
                 shapes_like: Accuracy::Draft,
@@ -73,6 +77,7 @@ impl Accuracy {
             },
             Accuracy::Preview => AccuracyTraits {
                 measures_support: false,
+                visible_contact: 0.1,
                 fill_cost_factor: 0.5,
                 overlaps: [[0.024, 0.1], [0.0011, 0.0]],
                 expected_errors: [0.045, 0.037],

@@ -46,8 +46,8 @@ pub fn expected_kept_shape(strength: f64) -> [f64; 3] {
 
 /// The same for release and hold.
 pub const RELEASE_AND_HOLD: CostExponents = [-12.259, 1.000, 0.805, 0.193, -0.173, 0.068, 0.784, 0.519, 0.221, 0.080];
-/// The same for shapes and measures.
-pub const MEASURE: CostExponents = [-11.317, 1.000, 0.000, 0.916, 0.137, 0.038, 0.261, 0.539, 0.184, 0.531];
+/// The same for shapes and measures, which take most of a small bake.
+pub const MEASURE: CostExponents = [-2.5, 0.5, 0.000, 0.000, 0.000, 0.000, 0.000, 0.000, 0.000, 0.000];
 /// CPU time of release and hold of a glued pile over that of a held one: median over the bakes.
 pub const GLUED_RELEASE: f64 = 0.044;
 
