@@ -78,8 +78,8 @@ const STACKED: f64 = 0.85;
 /// at `draft` that the law was not fitted to had 0.90, 0.94 and 1.03 times that number; too few to say how many of ten
 /// others are within the range. The example `fit_estimate` prints the factor of nine of ten for the fills it is given.
 pub const FACTOR: f64 = 1.5;
-/// Props that fill less than this share of their convex hulls, such as a carrot with its leaves, reach into each other by
-/// more or less: 354 and 874 bodies where 119 and 297 were expected.
+/// Props that fill less than this share of their convex hulls, such as a carrot with its leaves, reach into each other
+/// by more or less: 354 and 874 bodies where 119 and 297 were expected.
 const OPEN: f64 = 0.3;
 /// Mean diameters of props that differ by more than this ratio share a room in ways that no law of means knows: where
 /// large ones find no room, small ones take it.

@@ -34,7 +34,7 @@ pub struct Plan {
     #[serde(default)]
     pub thin_parts: Vec<Part>,
     /// At this times their size, the props reach into all of them that they can reach with [`MOST_TO_FIT`] bodies.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub fitting_scale: Option<f64>,
     /// Sentences for a person: open props, a control mesh below the ground, ...
     pub warnings: Vec<String>,
@@ -113,14 +113,13 @@ impl Thin {
     fn warning(&self, scene: &Scene) -> Option<String> {
         let name = &scene.control.as_ref()?.name;
         let share: f64 = self.parts.iter().map(|part| part.share).sum();
-        let remedy = self.fitting_scale.map_or("smaller props, or a thicker shape".into(), |scale| {
-            format!("props of {scale:.2} times their size, or a thicker shape")
-        });
+        // Smaller ones would be too many.
+        let size = self.fitting_scale.map_or("smaller".into(), |scale| format!("{scale:.2} times as large"));
         let parts = counted(self.parts.len(), "part is", "parts are");
         (!self.parts.is_empty()).then(|| {
             format!(
                 "{name}: {parts} too thin for these props, {:.0} % of its volume: {}; what they cannot reach stays \
-                 empty: use {remedy}",
+                 empty: use props that are {size}, or a thicker shape",
                 100.0 * share,
                 describe_parts(&self.parts)
             )

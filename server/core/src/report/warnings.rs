@@ -87,7 +87,7 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
 /// A warning about parts of the control mesh that are empty. `shape_iou`: the match with the control mesh.
 pub fn empty_parts(parts: &[Part], shape_iou: Option<f64>) -> Option<String> {
     let share: f64 = parts.iter().map(|part| part.share).sum();
-    let are = counted(parts.len(), "part of the control mesh is", "parts of the control mesh are");
+    let are = counted(parts.len(), "part is", "parts are");
     let (places, shape_iou) = (describe_parts(parts), 100.0 * shape_iou?);
     (!parts.is_empty()).then(|| {
         format!(
@@ -270,8 +270,8 @@ fn floating(count: usize) -> Option<String> {
     let hang = counted(count, "body hangs", "bodies hang");
     (count > 0).then(|| {
         format!(
-            "{hang} in the air to the eye: no chain of meshes that touch leads from there to what stands; smaller props \
-             fill thin parts, and more accuracy leaves smaller gaps"
+            "{hang} in the air to the eye: no chain of meshes that touch leads from there to what stands; smaller \
+             props fill thin parts, and more accuracy leaves smaller gaps"
         )
     })
 }
@@ -488,7 +488,10 @@ mod tests {
                 0,
                 none(),
                 [0, 2],
-                &["2 bodies hang in the air to the eye: no chain of meshes that touch leads from there to what stands"],
+                &[
+                    "2 bodies hang in the air to the eye: no chain of meshes that touch leads from there to what \
+                     stands; smaller props fill thin parts, and more accuracy leaves smaller gaps",
+                ],
             ),
         ] {
             let said = rest(held).into_iter().chain(fallen(fell)).chain(guarded.warnings()).chain(unsupported(hanging));
