@@ -256,6 +256,7 @@ def taking(context, passive=False):
         "token": uuid.uuid4().hex,
         "scene": scene.name,
         "control": settings.control_mesh.name,
+        "place": [list(row) for row in settings.control_mesh.matrix_world],
         "props": [
             {
                 "name": prop.source.name,
