@@ -328,6 +328,38 @@ class CairnSettings(PropertyGroup):
         items=ACCURACIES,
         default="STANDARD",
     )
+    use_collapse: BoolProperty(
+        name="Let It Collapse",
+        description="Once the pile rests, it comes down, one body first, to one side. Glue and control end then",
+    )
+    collapse_angle: FloatProperty(
+        name="Toward (°)",
+        description="Side to which the pile falls, seen from above: 0 is +X, 90 is +Y, -90 is toward the front view",
+        default=0.0,
+        min=-360.0,
+        max=360.0,
+        precision=0,
+    )
+    use_collapse_first: BoolProperty(
+        name="Set First Body", description="Choose the body that goes first, instead of one low on the side of the fall"
+    )
+    collapse_first: IntProperty(
+        name="First Body",
+        description="Number of the body that goes first, as at the end of its name in a pile of the same settings",
+        default=1,
+        min=1,
+    )
+    use_collapse_frame: BoolProperty(
+        name="Set Frame", description="Choose when the collapse begins at the earliest, instead of once the pile rests"
+    )
+    collapse_frame: IntProperty(
+        subtype="TIME",
+        name="Frame",
+        description="Scene frame at which the collapse begins at the earliest",
+        default=50,
+        min=-100000,
+        max=100000,
+    )
     goal: EnumProperty(
         name="Goal",
         description="What the automatic quality is chosen by",

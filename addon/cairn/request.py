@@ -216,6 +216,7 @@ def taking(context, passive=False):
     yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
     _set_parameters(v1, scene_message, settings)
     extras.add_entrance()
+    extras.add_collapse()
     if is_container(settings):
         paths = {source: model.uri for source, model in statics} | extras.moved
         if settings.control_mesh in paths:
