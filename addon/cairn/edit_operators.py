@@ -6,7 +6,7 @@ from bpy.types import Operator, Panel
 
 from mathutils import Matrix
 
-from . import belongings, edit, parts, pointers, preferences, preview, request, result, running, weighing
+from . import belongings, edit, parts, pointers, preferences, preview, request, result, running, visibility, weighing
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .layouts import wrapped
@@ -223,7 +223,7 @@ def end_painting(context):
     if context.mode != "PAINT_WEIGHT" or pile is None or context.object != pile.cairn.control:
         return False
     bpy.ops.object.mode_set(mode="OBJECT")
-    pile.cairn.control.display_type = "WIRE"
+    pile.cairn.control.display_type = visibility.thin(pile.cairn.control)
     return True
 
 
