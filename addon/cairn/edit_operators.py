@@ -198,6 +198,8 @@ class CAIRN_OT_paint_region(Operator):
         if end_painting(context):
             return {"FINISHED"}
         control, manager = _pile(context).cairn.control, context.window_manager
+        if control is not None and control.type != "MESH":
+            return explain(self, Fault("Only on meshes can be painted. Convert the shape to a mesh first."))
         if control is None or context.view_layer.objects.get(control.name) != control:
             return explain(self, Fault("The shape is not in this view layer. Bring it back to paint on it."))
         groups = control.vertex_groups
@@ -249,7 +251,7 @@ class CAIRN_PT_edit(Pile, Panel):
         row.prop(context.window_manager, "cairn_add_count", text="")
         button = row.operator("cairn.add_on_top", icon="ADD")
         button.count, button.region = context.window_manager.cairn_add_count, context.window_manager.cairn_add_region
-        if collection.cairn.control:
+        if collection.cairn.control and collection.cairn.control.type == "MESH":
             row = column.row(align=True)
             row.prop_search(context.window_manager, "cairn_add_region", collection.cairn.control, "vertex_groups")
             is_painting = context.mode == "PAINT_WEIGHT"

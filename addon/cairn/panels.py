@@ -5,6 +5,7 @@ import math
 from bpy.types import Panel, UIList
 
 from . import action_panel, arrangement, estimates, preferences, presets, request, running, starters
+from .export import SOLID
 from .following import is_running
 from .layouts import signs_of, wrapped
 from .schema import ACCURACIES, knows
@@ -47,7 +48,7 @@ class CAIRN_PT_pile(Pile, Panel):
         column.prop(settings, "control_mesh", text="Shape")
         active = context.object
         draw_container(column, settings)
-        if settings.control_mesh is None and active and active.type == "MESH":
+        if settings.control_mesh is None and active and active.type in SOLID:
             column.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
         draw_source(column, settings)
         action_panel.draw(layout, context, settings)

@@ -15,12 +15,13 @@ from bpy.types import PropertyGroup
 
 from . import pile_properties, shapes
 from .arrangement import TURNS, UPS, CairnArrangement
+from .export import SOLID
 from .pile_properties import CairnAsked, CairnBody, CairnResult, CairnVariant
 from .schema import ACCURACIES, GROUPS, PARAMETERS
 
 
 def _is_solid(_, source):
-    return source.type == "MESH"
+    return source.type in SOLID
 
 
 def _is_curve(_, source):
@@ -155,7 +156,8 @@ class CairnSettings(PropertyGroup):
 
     control_mesh: PointerProperty(
         name="Shape",
-        description="Closed mesh that the pile fills, standing on the ground. Each shape keeps its own settings",
+        description="Closed mesh, text, curve or metaball that the pile fills, standing on the ground. Each shape keeps "
+        "its own settings",
         type=bpy.types.Object,
         poll=_is_solid,
         update=_choose,
