@@ -241,3 +241,24 @@ def test_bodies_are_counted_as_their_names_are(addon):
 
     assert [dots.number_of(Pile, body) for body in range(5)] == [None, 1, 2, None, 3]
     assert [dots.body_of(Pile, number) for number in (1, 2, 3)] == [1, 2, 4] and dots.body_of(None, 3) == 2
+
+
+@once
+def test_bodies_behind_a_wall_are_told_of(desk, addon):
+    desk.add_stick("Cube", (0.1, 0.1, 0.1))
+    desk.settings.colliders = collection("Walls", cuboid("Wall", (0.04, 3.0, 2.0), location=(0.22, 0, 1.0)))
+    desk.settings.colliders.objects.link(cuboid("Table", (3.0, 3.0, 0.1), location=(0, 0, -0.05)))
+
+    def told():
+        pile = desk.bake(output_mode="POSE")
+        warnings = addon("running").report_of(pile)["warnings"]
+        return bodies_of(pile), [text for text in warnings if "behind" in text]
+
+    bodies, (text,) = told()
+    behind = sum(body.location.x > 0.22 for body in bodies)
+    assert 0 < behind < len(bodies) / 2
+    assert text.startswith(f"{behind} of {len(bodies)} bodies lie behind “Wall”, apart from the others")
+    # The same wall beside the shape.
+    bpy.data.objects["Wall"].location.x += 0.5
+    bpy.context.view_layer.update()
+    assert told()[1] == []
