@@ -37,7 +37,8 @@ def in_mode(mode, rotations):
         return "rotation_quaternion", rotations
     turns = [Quaternion(one) for one in rotations]
     if mode == "AXIS_ANGLE":
-        return "rotation_axis_angle", np.array([(angle, *axis) for axis, angle in (one.to_axis_angle() for one in turns)])
+        pairs = [turn.to_axis_angle() for turn in turns]
+        return "rotation_axis_angle", np.array([(angle, *axis) for axis, angle in pairs])
     made = [turns[0].to_euler(mode)]
     for turn in turns[1:]:
         made.append(turn.to_euler(mode, made[-1]))

@@ -156,8 +156,8 @@ class CairnSettings(PropertyGroup):
 
     control_mesh: PointerProperty(
         name="Shape",
-        description="Closed mesh, text, curve or metaball that the pile fills, standing on the ground. Each shape keeps "
-        "its own settings",
+        description="Closed mesh, text, curve or metaball that the pile fills, standing on the ground. Each shape "
+        "keeps its own settings",
         type=bpy.types.Object,
         poll=_is_solid,
         update=_choose,

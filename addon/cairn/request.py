@@ -91,7 +91,7 @@ def left_out(settings):
         return []
     props = [source for source, _ in props_of(settings)]
     shown = {member for source in props for member in (source, *source.children_recursive)}
-    # Hair is told of its prop.
+    # Hair is reported with its prop.
     shown = {member for member in shown if member.type in {*PLACED, *RIGS, "CURVES"}} | taken_by_others(settings)
     if settings.use_rendered:
         # The artist has asked for it.

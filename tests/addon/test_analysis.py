@@ -145,14 +145,14 @@ def test_what_floats_falls(stack, addon):
         source.select_set(True)
     bpy.context.view_layer.update()
     stood = {name: source.matrix_world.copy() for name, source in stack.items()}
-    told, apart = [], addon("apart")
+    said, apart = [], addon("apart")
 
     assert bpy.ops.cairn.analyze() == {"FINISHED"}
     for way in ("GLUE", "MOVES", "MOVES", "GLUE"):
-        made = SimpleNamespace(report=lambda _, text: told.append(text), by=way)
+        made = SimpleNamespace(report=lambda _, text: said.append(text), by=way)
         assert apart.CAIRN_OT_make_it_stand.execute(made, bpy.context) == {"FINISHED"}
-    assert "Choose Moves" in told[0] and "2 objects fell to what carries them; all stand now" in told, told
-    assert not any("Use glue" in text or "use glue" in text for text in told), told
+    assert "Choose Moves" in said[0] and "2 objects fell to what carries them; all stand now" in said, said
+    assert not any("Use glue" in text or "use glue" in text for text in said), said
     bpy.context.view_layer.update()
     # They lie on the table, or have rolled off it.
     assert middle(high).z == pytest.approx(1.1, abs=0.02) and middle(on_it).z < 1.3

@@ -20,9 +20,9 @@ def opened(props, count):
 def test_open_props_are_one_line(desk, addon):
     opened(desk.props, 5)
     pile = desk.bake(output_mode="POSE")
-    told = addon("running").report_of(pile)["warnings"]
-    assert sum("is open" in text for text in told) == 10, "two sentences of each"
-    (line,) = [text for text, _ in addon("wording").gathered(told, desk.recipe["names"]) if "is open" in text]
+    said = addon("running").report_of(pile)["warnings"]
+    assert sum("is open" in text for text in said) == 10, "two sentences of each"
+    (line,) = [text for text, _ in addon("wording").gathered(said, desk.recipe["names"]) if "is open" in text]
     assert line.startswith("“Open 0”, “Open 1”, “Open 2” and 2 more: The mesh is open")
 
 

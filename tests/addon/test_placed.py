@@ -249,16 +249,16 @@ def test_bodies_behind_a_wall_are_told_of(desk, addon):
     desk.settings.colliders = collection("Walls", cuboid("Wall", (0.04, 3.0, 2.0), location=(0.22, 0, 1.0)))
     desk.settings.colliders.objects.link(cuboid("Table", (3.0, 3.0, 0.1), location=(0, 0, -0.05)))
 
-    def told():
+    def said():
         pile = desk.bake(output_mode="POSE")
         warnings = addon("running").report_of(pile)["warnings"]
         return bodies_of(pile), [text for text in warnings if "behind" in text]
 
-    bodies, (text,) = told()
+    bodies, (text,) = said()
     behind = sum(body.location.x > 0.22 for body in bodies)
     assert 0 < behind < len(bodies) / 2
     assert text.startswith(f"{behind} of {len(bodies)} bodies lie behind “Wall”, apart from the others")
     # The same wall beside the shape.
     bpy.data.objects["Wall"].location.x += 0.5
     bpy.context.view_layer.update()
-    assert told()[1] == []
+    assert said()[1] == []
