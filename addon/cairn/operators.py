@@ -28,7 +28,8 @@ class CAIRN_OT_bake(Follows, Operator):
         return (yield from preview.drawn(taken.props))
 
     def make(self, context, bake):
-        bake.recipe["notes"] += yield from walls.notes(context.scene, bake.motion(), bake.recipe["metres"])
+        frames = bake.recording.frames or [bake.latest]
+        bake.recipe["notes"] += yield from walls.notes(context.scene, frames, bake.recipe["metres"])
         return (yield from Follows.make(self, context, bake))
 
 

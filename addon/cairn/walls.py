@@ -10,14 +10,15 @@ from . import axes, placed, request
 NEAREST = 8
 
 
-def notes(scene, motion, metres):
-    """A generator: gives a sentence about bodies that colliders keep apart from the others; none without them."""
+def notes(scene, frames, metres):
+    """A generator: gives a sentence about bodies that colliders keep apart from the others; none without them.
+    `frames`: snapshots of a bake."""
     walls = [source for source in request.colliders_of(scene.cairn) if not placed.is_animated(source)]
     walls = [source for source in walls if source.type == "MESH" and source != scene.cairn.control_mesh]
     # An entrance begins with few bodies.
-    first = 0 if motion.present[0].all() else -1
-    places = [Vector(place) for place in axes.points_to_blender(motion.positions[first], metres)]
-    if not walls or len(places) < 2:
+    seen = frames[0] if frames[0].present.sum() == frames[-1].present.sum() else frames[-1]
+    places = [Vector(place) for place in axes.points_to_blender(seen.positions[seen.present], metres)] if walls else []
+    if len(places) < 2:
         return []
     group, blocked = list(range(len(places))), {}
     tree = KDTree(len(places))

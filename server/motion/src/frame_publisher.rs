@@ -32,8 +32,8 @@ impl FramePublisher {
         }
         let states = pile.control.states(&pile.world);
         while self.shown < count && self.shown <= self.last {
-            let time = self.shown as f64 / self.fps;
-            send(pile, self.shown, &states, observer, |bodies| Frame { stage, number: self.shown, time, bodies, comers: &[] });
+            let (number, time) = (self.shown, self.shown as f64 / self.fps);
+            send(pile, number, &states, observer, |bodies| Frame { stage, number, time, bodies, comers: &[] });
             self.shown += 1;
         }
     }
