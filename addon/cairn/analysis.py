@@ -10,7 +10,7 @@ import bpy
 from bpy.props import EnumProperty
 from bpy.types import Operator, Panel
 
-from . import axes, export, glb, preferences, request
+from . import axes, export, glb, preferences, request, states
 from .client import Fault
 from .following import explaining, is_running
 from .layouts import wrapped
@@ -218,6 +218,7 @@ class CAIRN_OT_analyze(Operator):
             keep(sources, answers)
             context.scene[GLUE] = json.dumps(dots(sources, answers))
             paint(context.scene, self.shown)
+            states.shade(True, "analysis")
             self.report({"INFO"}, summary(sources, answers))
             return {"FINISHED"}
         return {"CANCELLED"}
@@ -256,6 +257,7 @@ class CAIRN_OT_clear_analysis(Operator):
 
     def execute(self, context):
         clear(context.scene)
+        states.shade(False, "analysis")
         return {"FINISHED"}
 
 
@@ -269,8 +271,9 @@ class CAIRN_PT_analysis(Pile, Panel):
         layout.operator_menu_enum("cairn.analyze", "shown", text="Analyze Selected", icon="VIEWZOOM")
         if not analysed(context.scene):
             return
+        # Beside another button, its words would be cut.
+        layout.operator_menu_enum("cairn.make_it_stand", "by", icon="LINKED")
         row = layout.row(align=True)
-        row.operator_menu_enum("cairn.make_it_stand", "by", icon="LINKED")
         row.operator("cairn.inspect", icon="EYEDROPPER")
         row.operator("cairn.clear_analysis", icon="X")
         draw_shading(layout, context)

@@ -21,14 +21,17 @@ DOTS = "Needed Glue"
 STILL = 0.005
 
 
-def scene(context, sources, written, index):
-    """The request: all objects as bodies placed by hand, one of which is taken away once they rest."""
+def scene(context, sources, written, falling):
+    """The request: all objects as bodies placed by hand. One is taken away once they rest; or some fall, and the others
+    stay. `falling`: the index of the one, or the indices of some."""
     settings = context.scene.cairn
     friction = round(settings.collider_friction, 6)
     props, bodies = [], []
     for number, (position, rotation) in enumerate(written.poses):
         props.append({"path": f"{analysis.NAME}#body {number}", "weight": 0, "friction": friction})
         bodies.append({"prop": str(number), "position": position, "rotation": rotation})
+        if not isinstance(falling, int):
+            bodies[-1]["kept"] = number not in falling
     asked = {
         "props": props,
         "bodies": bodies,
@@ -38,7 +41,7 @@ def scene(context, sources, written, index):
         "control": "off",
         "ground": settings.use_ground,
         "ground_friction": friction,
-        "remove": [{"number": index}],
+        "remove": [{"number": falling}] if isinstance(falling, int) else [],
         "output": {"fps": context.scene.render.fps / context.scene.render.fps_base},
     }
     if settings.use_ground and settings.use_ground_height:
@@ -46,14 +49,14 @@ def scene(context, sources, written, index):
     return asked
 
 
-def bake(context, sources, index):
+def bake(context, sources, falling):
     """The table of poses [frame, body, 7] in the server's axes, the report, and the frames in Blender."""
     scenery = analysis.scenery_of(context, sources)
     written = analysis.write(context, sources, scenery, posed=False)
     with tempfile.TemporaryDirectory(prefix="cairn-") as folder:
         folder = Path(folder)
         (folder / analysis.NAME).write_bytes(written.content)
-        (folder / "scene.json").write_text(json.dumps(scene(context, sources, written, index)), encoding="utf-8")
+        (folder / "scene.json").write_text(json.dumps(scene(context, sources, written, falling)), encoding="utf-8")
         analysis.run(context, folder, ["bake", "scene.json", "-o", "motion.json", "--report", "report.json", "--quiet"])
         motion = json.loads((folder / "motion.json").read_text(encoding="utf-8"))
         report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
@@ -84,7 +87,6 @@ def play(context, sources, poses, frames):
             location, turn, _ = (own.inverted() @ world).decompose()
             locations.append(tuple(location))
             turns.append(tuple(turn))
-        source.rotation_mode = "QUATERNION"
         turns = keyframes.continuous(np.array(turns)[:, None])[:, 0]
         keyframes.write(source, f"{source.name} pulled", at + first, np.array(locations), turns, None)
     context.scene.frame_end = max(context.scene.frame_end, first + len(poses) - 1)
@@ -141,7 +143,7 @@ class CAIRN_OT_make_it_stand(Operator):
         description="How what falls is made to stand",
         items=[
             ("GLUE", "Glue", "Mark each dot of glue by an empty, with the force that it has to hold"),
-            ("MOVES", "Moves", "Bring down what floats, and move back what leans out too far"),
+            ("MOVES", "Moves", "Let fall what floats, and move back what leans out too far"),
         ],
     )
 
@@ -157,7 +159,7 @@ class CAIRN_OT_make_it_stand(Operator):
                 return {"FINISHED"}
             if needed["beyond"]:
                 names = ", ".join(needed["beyond"][:5])
-                self.report({"WARNING"}, f"No glue holds {names}: they touch nothing. Move them to what carries them")
+                self.report({"WARNING"}, f"No glue holds {names}: they touch nothing. Choose Moves, and they fall")
             if not needed["dots"]:
                 if not needed["beyond"]:
                     self.report({"INFO"}, "All stand without glue")
@@ -169,12 +171,9 @@ class CAIRN_OT_make_it_stand(Operator):
 
 
 def move(context, needed):
-    """Moves what was found to fall, once; the report of it."""
-    moves = needed["moves"]
-    if not moves:
-        if needed["still"]:
-            return {"WARNING"}, f"No small move holds {', '.join(needed['still'][:5])}. Use glue"
-        return {"INFO"}, "All stand as they are"
+    """Moves what was found to fall, once, and lets fall what floats; the report of it."""
+    moves, floating = needed["moves"], [name for name in needed["still"] if name in needed["beyond"]]
+    leaning = [name for name in needed["still"] if name not in floating]
     metres = export.metres(context.scene)
     farthest = 0.0
     for one in moves:
@@ -183,12 +182,35 @@ def move(context, needed):
             by = Vector(axes.points_to_blender(np.array(one["by"]), metres))
             body.matrix_world = Matrix.Translation(by) @ body.matrix_world
             farthest = max(farthest, float(np.linalg.norm(one["by"])))
-    context.scene[analysis.GLUE] = json.dumps({**needed, "moves": []})
-    count = f"{len(moves)} objects" if len(moves) > 1 else "1 object"
-    text = f"{count} moved, by at most {1000 * farthest:.1f} mm"
-    if needed["still"]:
-        return {"WARNING"}, f"{text}. {', '.join(needed['still'][:5])} still fall: use glue"
-    return {"INFO"}, f"{text}; all stand now"
+    let_fall(context, floating)
+    context.scene[analysis.GLUE] = json.dumps({**needed, "moves": [], "still": leaning, "beyond": []})
+    said = [f"{counted(moves)} moved, by at most {1000 * farthest:.1f} mm"] if moves else []
+    said += [f"{counted(floating)} fell to what carries {'it' if len(floating) == 1 else 'them'}"] if floating else []
+    if leaning:
+        return {"WARNING"}, ". ".join([*said, f"No small move holds {', '.join(leaning[:5])}: use glue"])
+    return {"INFO"}, "; ".join([*said, "all stand now"]) if said else "All stand as they are"
+
+
+def counted(things):
+    return "1 object" if len(things) == 1 else f"{len(things)} objects"
+
+
+def let_fall(context, names):
+    """Lets objects fall until they rest. All other analyzed objects stay where they are."""
+    if not names:
+        return
+    context.view_layer.update()
+    sources = [source for source in analysis.analysed(context.scene) if source.visible_get()]
+    falling = [number for number, source in enumerate(sources) if source.name in names]
+    poses, _, frames = bake(context, sources, falling)
+    metres = export.metres(context.scene)
+    positions = axes.points_to_blender(poses[-1, :, :3], metres)
+    rotations = axes.rotations_to_blender(poses[-1, :, 3:])
+    for number in falling:
+        source, turn = sources[number], Quaternion(rotations[number]).to_matrix().to_4x4()
+        # What is left of the object's matrix without its frame: its scale.
+        rest = frames[number].inverted() @ source.matrix_world
+        source.matrix_world = Matrix.Translation(positions[number]) @ turn @ rest
 
 
 def mark(context, dots):

@@ -82,3 +82,11 @@ def number_of(collection, body):
     if body is None or body in left_out:
         return None
     return 1 + body - sum(other < body for other in left_out)
+
+
+def body_of(collection, number):
+    """The body of the server that the pile's objects have this number for. `collection`: None without a pile."""
+    body = number - 1
+    for other in _left_out(collection.cairn.left_out) if collection else ():
+        body += other <= body
+    return body

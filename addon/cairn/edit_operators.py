@@ -6,7 +6,7 @@ from bpy.types import Operator, Panel
 
 from mathutils import Matrix
 
-from . import belongings, edit, parts, pointers, preferences, preview, request, result, running, weighing
+from . import belongings, edit, parts, pointers, preferences, preview, request, result, running, visibility, weighing
 from .client import Fault
 from .following import Follows, explain, explaining, is_running
 from .layouts import wrapped
@@ -198,6 +198,8 @@ class CAIRN_OT_paint_region(Operator):
         if end_painting(context):
             return {"FINISHED"}
         control, manager = _pile(context).cairn.control, context.window_manager
+        if control is not None and control.type != "MESH":
+            return explain(self, Fault("Only on meshes can be painted. Convert the shape to a mesh first."))
         if control is None or context.view_layer.objects.get(control.name) != control:
             return explain(self, Fault("The shape is not in this view layer. Bring it back to paint on it."))
         groups = control.vertex_groups
@@ -223,7 +225,7 @@ def end_painting(context):
     if context.mode != "PAINT_WEIGHT" or pile is None or context.object != pile.cairn.control:
         return False
     bpy.ops.object.mode_set(mode="OBJECT")
-    pile.cairn.control.display_type = "WIRE"
+    pile.cairn.control.display_type = visibility.thin(pile.cairn.control)
     return True
 
 
@@ -249,7 +251,7 @@ class CAIRN_PT_edit(Pile, Panel):
         row.prop(context.window_manager, "cairn_add_count", text="")
         button = row.operator("cairn.add_on_top", icon="ADD")
         button.count, button.region = context.window_manager.cairn_add_count, context.window_manager.cairn_add_region
-        if collection.cairn.control:
+        if collection.cairn.control and collection.cairn.control.type == "MESH":
             row = column.row(align=True)
             row.prop_search(context.window_manager, "cairn_add_region", collection.cairn.control, "vertex_groups")
             is_painting = context.mode == "PAINT_WEIGHT"

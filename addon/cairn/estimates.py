@@ -2,6 +2,7 @@
 scene, once the scene stays unchanged for a moment. It only reads the scene, object by object, so that Blender
 stays responsive."""
 
+import os
 import time
 
 import bpy
@@ -20,6 +21,8 @@ _seen_at = 0.0
 _answer = _slices = None
 # The scene at the last check, and at the last request.
 _before = _asked = None
+# The scene and the shape that figures and problems are of, by name.
+_subject = None
 # Whether the scene is too large to be read for estimates.
 is_too_much = False
 
@@ -27,7 +30,7 @@ is_too_much = False
 def take(answer):
     """Takes the answer about a plan for the panel."""
     running.plan_is_old = False
-    plan, names = answer.plan, running.accuracy_names()
+    plan, names, busy = answer.plan, running.accuracy_names(), waiting()
     running.plan = {
         # The preset that the bake would have; with the automatic quality, the server has chosen it.
         "accuracy": names[answer.effective_scene.accuracy],
@@ -39,9 +42,9 @@ def take(answer):
         "kept": {
             names[estimate.accuracy]: (estimate.kept_shape_low, estimate.kept_shape_high) for estimate in plan.estimates
         },
-        # The time that nine of ten bakes take, from and to, s.
+        # The time that nine of ten bakes take, from and to, s. Beside other work they may take longer.
         "times": {
-            names[estimate.accuracy]: (seconds / estimate.factor, seconds * estimate.factor)
+            names[estimate.accuracy]: (seconds / estimate.factor, seconds * estimate.factor * busy)
             for estimate in plan.estimates
             for seconds in (getattr(estimate, "wall_seconds", 0.0) or estimate.cpu_seconds,)
         },
@@ -54,10 +57,27 @@ def take(answer):
     }
 
 
+def waiting():
+    """By how much a bake on this machine may take longer, because other work is waiting for its processors."""
+    try:
+        return 1.0 + os.getloadavg()[0] / os.cpu_count()
+    except (AttributeError, OSError):
+        # Not every system says.
+        return 1.0
+
+
+def subject_of(scene):
+    shape = scene.cairn.control_mesh
+    return scene.name, shape.name if shape else ""
+
+
 def shown(context):
     """Called when the tab is drawn."""
-    global _seen_at
+    global _seen_at, _subject
     _seen_at = time.monotonic()
+    if _subject not in (None, subject_of(context.scene)):
+        # Figures and problems go with their shape.
+        running.plan, running.problems, _subject = None, [], subject_of(context.scene)
     chosen = preferences.of(context)
     # A scene is sent to another computer only on request.
     may_ask = chosen.server == "LOCAL" and chosen.estimates
@@ -67,13 +87,13 @@ def shown(context):
 
 def asked(context):
     """Called when the button has asked about the current scene."""
-    global _asked
-    _asked = fingerprint.of(context.scene)
+    global _asked, _subject
+    _asked, _subject = fingerprint.of(context.scene), subject_of(context.scene)
 
 
 def _look():
     """The timer: takes an answer, reads the next part, or starts a request."""
-    global _before, _asked, _answer, is_too_much
+    global _before, _asked, _subject, _answer, is_too_much
     # What was begun is ended: nothing would call it again until the panel is drawn the next time.
     if time.monotonic() - _seen_at > SEEN and _answer is None and _slices is None:
         return None
@@ -98,7 +118,7 @@ def _look():
             # Old figures would stay forever.
             running.plan = None
         elif now == _before:
-            _asked = now
+            _asked, _subject = now, subject_of(context.scene)
             _begin(context)
         preview.redraw(context, "UI")
     _before = now
@@ -160,8 +180,8 @@ def _give_up():
 
 def forget():
     """Called when another file is opened or the add-on ends."""
-    global _before, _asked
+    global _before, _asked, _subject
     _give_up()
-    _before = _asked = None
+    _before = _asked = _subject = None
     if bpy.app.timers.is_registered(_look):
         bpy.app.timers.unregister(_look)

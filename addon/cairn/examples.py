@@ -50,6 +50,8 @@ SCENES = {
     ),
 }
 SIDES = 24
+# How tidily logs are stacked.
+STACK = 0.9
 
 
 def add(name):
@@ -77,8 +79,8 @@ def add(name):
     starters.set_heap(settings, heap)
     starters.set_prop(settings.prop_common, material)
     if heap == "TIDIED":
-        # Logs lie, and do not stand on their ends.
-        settings.prop_common.up = "Z"
+        # Logs lie side by side, and do not stand on their ends.
+        settings.prop_common.up, settings.prop_common.turns, settings.arrangement.order = "Z", "NONE", STACK
     return scene
 
 

@@ -10,6 +10,7 @@ from mathutils import Matrix, Vector
 from . import axes, client, glb, nodes
 from .client import Problem
 
+FINENESS = ("resolution", "resolution_u", "resolution_v")
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 # Deviation from a diagonal, relative to the largest entry, from which a matrix counts as sheared. Rounding in Blender's
 # single precision stays below it.
@@ -212,13 +213,20 @@ def evaluated(context, sources, passive=False, realized=()):
         return
     copied = unseen + [source for source in sources if source not in unseen and differs_in_render(source)]
     copied += [source for source in realized if source not in copied]
-    scratch, copies, groups = None, {}, []
+    scratch, copies, groups, data = None, {}, [], []
     try:
         if copied:
             scratch = bpy.data.scenes.new("Cairn export")
             scratch.frame_set(context.scene.frame_current)
             for source in copied:
-                copy = source.copy()
+                copy, fine = source.copy(), finer(source)
+                if fine:
+                    copy.data = copy.data.copy()
+                    # Metaballs of one name have one fineness.
+                    copy.name = copy.data.name = "Cairn export"
+                    data.append(copy.data)
+                for name, value in fine.items():
+                    setattr(copy.data, name, value)
                 copy.hide_viewport = False
                 as_rendered(copy)
                 if source in realized:
@@ -233,6 +241,7 @@ def evaluated(context, sources, passive=False, realized=()):
             bpy.data.objects.remove(copy)
         for group in groups:
             bpy.data.node_groups.remove(group)
+        bpy.data.batch_remove(data)
         if scratch:
             bpy.data.scenes.remove(scratch)
 
@@ -261,9 +270,25 @@ def realize(copy):
     return group
 
 
+def finer(source):
+    """The names of the fineness of a curve, text or metaball in the view, and their values in the render."""
+    if source.type == "META":
+        base = source.name.partition(".")[0]
+        # Metaballs that flow together are one surface, which a copy of one of them does not have.
+        balls = [other for other in bpy.context.scene.objects if other.type == "META" and other != source]
+        if any(other.name.partition(".")[0] == base for other in balls):
+            return {}
+    if source.type not in SOLID - {"MESH"}:
+        return {}
+    names = [name for name in FINENESS if hasattr(source.data, name)]
+    values = {name: getattr(source.data, f"render_{name}") for name in names}
+    # 0: as in the view.
+    return {name: value for name, value in values.items() if value and value != getattr(source.data, name)}
+
+
 def differs_in_render(source):
-    """Whether the render has other modifiers, or more of them, than the view."""
-    return any(
+    """Whether the render has other modifiers, or more of them, than the view, or is finer."""
+    return bool(finer(source)) or any(
         modifier.show_viewport != modifier.show_render
         or getattr(modifier, "levels", 0) != getattr(modifier, "render_levels", getattr(modifier, "levels", 0))
         for modifier in source.modifiers

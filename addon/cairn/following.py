@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from . import preview, request, result, running, timing, wording
+from . import plainly, preferences, preview, request, result, running, timing, wording
 from .client import Fault
 
 # How often messages are read, and how long Blender may be busy at a time, s.
@@ -40,8 +40,11 @@ def explaining(operator):
     except Fault as fault:
         explain(operator, fault)
     except Exception as error:  # noqa: BLE001 an artist gets a sentence, whatever it is
-        traceback.print_exc()
-        explain(operator, Fault(f"The add-on has a fault. Please report the message in the console: {error}"))
+        known = plainly.fault_of(error, preferences.folder())
+        if known is None:
+            traceback.print_exc()
+        text = "The add-on has a fault. Please report the message in the console"
+        explain(operator, known or Fault(f"{text}: {error}"))
 
 
 class start_frame:  # noqa: N801 used as a function

@@ -6,7 +6,7 @@ import shutil
 import threading
 from dataclasses import dataclass, field
 
-from . import client
+from . import client, plainly
 from .client import Connection, Fault
 from .messages import v1
 from .recording import Recording
@@ -83,9 +83,12 @@ class Job:
                     asyncio.ensure_future(self._cancel())
             raise
         except Fault as fault:
+            if self.server.local and plainly.SERVER_FULL in fault.message:
+                fault = plainly.full(self.server.local.folder)
             self.messages.put(("failed", fault))
         except Exception as error:  # noqa: BLE001 whatever it is, the artist gets a sentence
-            self.messages.put(("failed", Fault(f"The add-on has a fault: {type(error).__name__}: {error}")))
+            known = plainly.fault_of(error, self.server.local.folder if self.server.local else self.kept)
+            self.messages.put(("failed", known or Fault(f"The add-on has a fault: {type(error).__name__}: {error}")))
 
     async def _follow(self):
         if self.problems:
@@ -121,7 +124,7 @@ class Job:
                 self._forget_request()
                 self.messages.put(("accepted", event.accepted))
             elif kind == "progress":
-                self.recording.add_progress(event.progress)
+                self.recording.end_at(event.progress.frame_count)
                 self.messages.put(("progress", event.progress))
             elif kind == "body_table":
                 self.recording.add_table(event.body_table)
@@ -129,6 +132,7 @@ class Job:
                 self.latest = self.recording.add_frame(event.frame)
             elif kind == "summary":
                 summary = event.summary
+                self.recording.end_at(summary.frame_count)
         if summary is None:
             raise Fault("The server ended the bake without a result. Bake again.")
         try:

@@ -2,6 +2,7 @@
 
 import bpy
 import numpy as np
+from mathutils import Quaternion
 
 _WAYS = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items
 LINEAR, CONSTANT = (np.array([_WAYS[name].value], np.intc) for name in ("LINEAR", "CONSTANT"))
@@ -30,6 +31,20 @@ def needed(positions, rotations):
     return keyed
 
 
+def in_mode(mode, rotations):
+    """The property that an object of a rotation mode turns by, and its values for quaternions [k, 4] w x y z."""
+    if mode == "QUATERNION":
+        return "rotation_quaternion", rotations
+    turns = [Quaternion(one) for one in rotations]
+    if mode == "AXIS_ANGLE":
+        pairs = [turn.to_axis_angle() for turn in turns]
+        return "rotation_axis_angle", np.array([(angle, *axis) for axis, angle in pairs])
+    made = [turns[0].to_euler(mode)]
+    for turn in turns[1:]:
+        made.append(turn.to_euler(mode, made[-1]))
+    return "rotation_euler", np.array(made)
+
+
 def write(body, name, frames, positions, rotations, hidden):
     """Gives an object an action. Frames: shape [k], where it is keyed; positions [k, 3]; rotations [k, 4] w x y z;
     `hidden`: None, or frames and whether it is hidden from then on."""
@@ -38,7 +53,7 @@ def write(body, name, frames, positions, rotations, hidden):
     linear = LINEAR.repeat(len(frames))
     coordinates = np.empty((len(frames), 2), np.float32)
     coordinates[:, 0] = frames
-    for path, values in (("location", positions), ("rotation_quaternion", rotations)):
+    for path, values in (("location", positions), in_mode(body.rotation_mode, rotations)):
         for index in range(values.shape[1]):
             coordinates[:, 1] = values[:, index]
             _key(curves.new(path, index), coordinates, linear)
@@ -148,7 +163,8 @@ class _Bag:
         return curve
 
 
-GROUPS = {"location": "Object Transforms", "rotation_quaternion": "Object Transforms"}
+TURNS = ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
+GROUPS = dict.fromkeys(("location", *TURNS), "Object Transforms")
 
 
 def _curves_of(action, body):

@@ -2,7 +2,7 @@
 
 from bpy.types import Operator
 
-from . import estimates, export, pending, pointers, preferences, preview, request, running
+from . import estimates, export, pending, pointers, preferences, preview, request, running, walls
 from .client import Fault
 from .following import Follows, is_running, start_frame
 
@@ -26,6 +26,11 @@ class CAIRN_OT_bake(Follows, Operator):
         pointers.ask(context.scene, taken.recipe["token"], taken.pointers)
         bake.ask(taken)
         return (yield from preview.drawn(taken.props))
+
+    def make(self, context, bake):
+        frames = bake.recording.frames or [bake.latest]
+        bake.recipe["notes"] += yield from walls.notes(context.scene, frames, bake.recipe["metres"])
+        return (yield from Follows.make(self, context, bake))
 
 
 class CAIRN_OT_fetch(Follows, Operator):

@@ -14,7 +14,8 @@ from .client import Fault
 from .following import is_running
 from .pile_operators import OfPile
 
-ENDINGS = {"USD": ".usdc", "ALEMBIC": ".abc", "GLTF": ".glb"}
+ENDINGS = {"USD": (".usdc", ".usda", ".usd"), "ALEMBIC": (".abc",), "GLTF": (".glb",)}
+TITLES = {"USD": "USD", "ALEMBIC": "Alembic", "GLTF": "glTF"}
 # Edge of a thumbnail, pixels; its view direction; points that are drawn, and brightness of the dark side.
 THUMBNAIL, VIEW, POINTS, AMBIENT = 256, Euler((1.15, 0.0, 0.6)), 400_000, 0.35
 GRAY = np.array([0.80, 0.62, 0.38])
@@ -41,9 +42,9 @@ class CAIRN_OT_export_pile(OfPile, ExportHelper, Operator):
         name="Format",
         description="File format",
         items=[
-            ("USD", "USD", "Universal Scene Description"),
-            ("ALEMBIC", "Alembic", "Alembic"),
-            ("GLTF", "glTF", "Binary glTF, with one clip for all bodies"),
+            ("USD", TITLES["USD"], "Universal Scene Description"),
+            ("ALEMBIC", TITLES["ALEMBIC"], "Alembic"),
+            ("GLTF", TITLES["GLTF"], "Binary glTF, with one clip for all bodies"),
         ],
     )
     filter_glob: StringProperty(default="*.usdc;*.usda;*.usd;*.abc;*.glb", options={"HIDDEN"})
@@ -60,11 +61,19 @@ class CAIRN_OT_export_pile(OfPile, ExportHelper, Operator):
         if collection.cairn.mode == "POINTS" and self.form != "USD":
             raise Fault("Instanced points have no bodies to export. Bake as Animated Objects, or export USD.")
         path = bpy.path.abspath(self.filepath)
-        if not path.lower().endswith(tuple(ENDINGS.values()) + (".usda", ".usd")):
-            path += ENDINGS[self.form]
+        of = [form for form, endings in ENDINGS.items() if path.lower().endswith(endings)]
+        if of and self.form not in of:
+            right = path[: path.rindex(".")] + ENDINGS[self.form][0]
+            raise Fault(
+                f"{path} ends as files of {TITLES[of[0]]} do. Choose the format {TITLES[of[0]]}, or name it {right}."
+            )
+        path += "" if of else ENDINGS[self.form][0]
         states.restore()
         with _alone(context, collection):
-            write(context, collection, self.form, path)
+            try:
+                write(context, collection, self.form, path)
+            except RuntimeError as error:
+                raise Fault(f"Blender does not write {path}: {str(error).removeprefix('Error: ').strip()}") from error
         states.refresh(context.scene)
         self.report({"INFO"}, f"Exported “{collection.name}” to {path}")
 

@@ -5,6 +5,7 @@ import math
 from bpy.types import Panel, UIList
 
 from . import action_panel, arrangement, estimates, preferences, presets, request, running, starters
+from .export import SOLID
 from .following import is_running
 from .layouts import signs_of, wrapped
 from .schema import ACCURACIES, knows
@@ -12,6 +13,8 @@ from .schema import ACCURACIES, knows
 
 # Width of a quality's button, of the panel's.
 BUTTON = 0.4
+# A range of the shape that is kept says nothing beyond this width: piles differ too much.
+WIDE = 0.25
 
 
 class Pile:
@@ -45,7 +48,7 @@ class CAIRN_PT_pile(Pile, Panel):
         column.prop(settings, "control_mesh", text="Shape")
         active = context.object
         draw_container(column, settings)
-        if settings.control_mesh is None and active and active.type == "MESH":
+        if settings.control_mesh is None and active and active.type in SOLID:
             column.operator("cairn.use_selected", text=f"Use “{active.name}”", icon="EYEDROPPER")
         draw_source(column, settings)
         action_panel.draw(layout, context, settings)
@@ -128,9 +131,12 @@ def effect_of(settings):
     known = running.plan or {"dots": {}, "kept": {}}
     low, high = known["kept"].get(preset_of(settings), (0.0, 0.0))
     # The range of eight bakes of ten; a pile that settles into the shape keeps a little more than all of it.
-    low, high = (min(100, round(100 * share)) for share in (low, high))
-    kept = f"about {high}%" if low == high else f"{low} to {high}%"
-    lines = [f"Keeps {kept} of the shape"] if high > 0 else []
+    low, high = (min(1.0, share) for share in (low, high))
+    kept = f"about {high:.0%}" if f"{low:.0%}" == f"{high:.0%}" else f"{100 * low:.0f} to {high:.0%}"
+    if high - low > WIDE:
+        lines = ["Shape kept: known once baked"]
+    else:
+        lines = [f"Keeps {kept} of the shape"] if high > 0 else []
     if settings.kept_shape == "NATURAL":
         return [*lines, "No glue: overhangs fall"]
     if settings.kept_shape == "TACKY":

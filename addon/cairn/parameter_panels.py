@@ -211,6 +211,22 @@ class CAIRN_PT_entrance(_Parameters, Panel):
             column.prop(settings, "entrance_curve")
 
 
+class CAIRN_PT_collapse(_Parameters, Panel):
+    bl_label = "Collapse"
+
+    @classmethod
+    def poll(cls, _):
+        return knows("Collapse")
+
+    def draw_more(self, layout, settings):
+        draw_whole(layout, settings, "use_collapse")
+        details = layout.column()
+        details.active = settings.use_collapse
+        draw_whole(details, settings, "collapse_angle")
+        draw_optional(details, settings, "collapse_first", "First Body")
+        draw_optional(details, settings, "collapse_frame", "Frame")
+
+
 class CAIRN_PT_output(_Parameters, Panel):
     bl_label = "Output"
     messages = ("Output",)
@@ -230,6 +246,7 @@ CLASSES = [
     CAIRN_PT_drop,
     CAIRN_PT_region,
     CAIRN_PT_entrance,
+    CAIRN_PT_collapse,
     CAIRN_PT_output,
     CAIRN_PT_advanced,
     CAIRN_PT_fill,

@@ -3,7 +3,7 @@
 import numpy as np
 from mathutils.geometry import interpolate_bezier
 
-from . import axes, keyframes
+from . import axes, dots, keyframes, result
 from .client import Problem
 from .export import OWN
 from .schema import knows
@@ -115,6 +115,20 @@ class Extras:
         points = line_of(curve) if curve and follows_a_line(settings) else []
         if len(points) > 1:
             entrance.curve.extend(axes.points_to_server(np.array(points), self.exporter.metres).ravel().tolist())
+
+    def add_collapse(self):
+        """How the pile comes down in the end."""
+        settings = self.settings
+        if not settings.use_collapse or not knows("Collapse"):
+            return
+        collapse = self.scene_message.collapse
+        # The server counts from Blender's -Y toward X.
+        collapse.azimuth = round((settings.collapse_angle + 90.0 + 180.0) % 360.0 - 180.0, 6)
+        if settings.use_collapse_first:
+            pile = result.existing(settings.id_data, settings.control_mesh)
+            collapse.number = dots.body_of(pile, settings.collapse_first)
+        if settings.use_collapse_frame:
+            collapse.start_frame = self._frame(settings.collapse_frame)
 
     def add_bodies(self, keep, impact):
         """Objects that stay, and objects that are thrown."""

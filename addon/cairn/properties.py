@@ -15,12 +15,13 @@ from bpy.types import PropertyGroup
 
 from . import pile_properties, shapes
 from .arrangement import TURNS, UPS, CairnArrangement
+from .export import SOLID
 from .pile_properties import CairnAsked, CairnBody, CairnResult, CairnVariant
 from .schema import ACCURACIES, GROUPS, PARAMETERS
 
 
 def _is_solid(_, source):
-    return source.type == "MESH"
+    return source.type in SOLID
 
 
 def _is_curve(_, source):
@@ -155,7 +156,8 @@ class CairnSettings(PropertyGroup):
 
     control_mesh: PointerProperty(
         name="Shape",
-        description="Closed mesh that the pile fills, standing on the ground. Each shape keeps its own settings",
+        description="Closed mesh, text, curve or metaball that the pile fills, standing on the ground. Each shape "
+        "keeps its own settings",
         type=bpy.types.Object,
         poll=_is_solid,
         update=_choose,
@@ -327,6 +329,38 @@ class CairnSettings(PropertyGroup):
         "overlaps between bodies",
         items=ACCURACIES,
         default="STANDARD",
+    )
+    use_collapse: BoolProperty(
+        name="Let It Collapse",
+        description="Once the pile rests, it comes down, one body first, to one side. Glue and control end then",
+    )
+    collapse_angle: FloatProperty(
+        name="Toward (°)",
+        description="Side to which the pile falls, seen from above: 0 is +X, 90 is +Y, -90 is toward the front view",
+        default=0.0,
+        min=-360.0,
+        max=360.0,
+        precision=0,
+    )
+    use_collapse_first: BoolProperty(
+        name="Set First Body", description="Choose the body that goes first, instead of one low on the side of the fall"
+    )
+    collapse_first: IntProperty(
+        name="First Body",
+        description="Number of the body that goes first, as at the end of its name in a pile of the same settings",
+        default=1,
+        min=1,
+    )
+    use_collapse_frame: BoolProperty(
+        name="Set Frame", description="Choose when the collapse begins at the earliest, instead of once the pile rests"
+    )
+    collapse_frame: IntProperty(
+        subtype="TIME",
+        name="Frame",
+        description="Scene frame at which the collapse begins at the earliest",
+        default=50,
+        min=-100000,
+        max=100000,
     )
     goal: EnumProperty(
         name="Goal",

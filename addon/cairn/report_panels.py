@@ -3,7 +3,7 @@
 import numpy as np
 from bpy.types import Panel
 
-from . import dots, glue, panels, result, running, states, wording
+from . import dots, glue, panels, result, roots, running, states, wording
 from .layouts import draw_folded, wrapped
 from .panels import Pile
 
@@ -21,6 +21,8 @@ FIGURES = [
 
 # Dots of glue that are listed: those that carry most.
 LISTED = 12
+# Frames per second that differ by less, relative, are the same.
+SAME_RATE = 1e-3
 
 
 class CAIRN_PT_states(Pile, Panel):
@@ -99,6 +101,8 @@ class CAIRN_PT_report(Pile, Panel):
         glue = running.glue_of(report)
         if glue:
             wrapped(layout, context, glue)
+        for line in changed_since(context.scene, collection):
+            wrapped(layout, context, line, "INFO")
         names = running.recipe_of(collection).get("names", {})
         texts = wording.with_bodies(report.get("warnings", ()), collection)
         draw_folded(layout, context, wording.gathered(texts, names))
@@ -111,6 +115,22 @@ class CAIRN_PT_report(Pile, Panel):
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def changed_since(scene, collection):
+    """What of the scene has changed since the bake, so that the pile does not fit it any more, as sentences."""
+    note, found = collection.cairn, []
+    place = running.recipe_of(collection).get("place")
+    if note.control and place and roots.is_left_behind(roots.of(collection), note.control, place):
+        found.append(f"“{note.control.name}” was moved since this bake. Bake again to follow it.")
+    rate, now = running.report_of(collection).get("frame_rate", 0.0), scene.render.fps / scene.render.fps_base
+    is_played = note.mode != "POSE" and note.frame_count > 1 and note.timing_speed == 1.0
+    if is_played and rate and abs(now / rate - 1.0) > SAME_RATE:
+        found.append(
+            f"Baked for {rate:.4g} frames per second, and the scene has {now:.4g}: the pile moves {now / rate:.3g} "
+            f"times as fast as things fall. Bake again, or set Speed in the panel Timing to {rate / now:.3g}."
+        )
+    return found
 
 
 def draw_shares(layout, collection):

@@ -74,13 +74,25 @@ def is_bare(source):
     return not any(member.type in SOLID or member.instance_collection for member in family)
 
 
+def hairy(source):
+    """What of an object has hair or fur, which no body shows: instances on it count as all instances do."""
+    return [
+        member
+        for member in (source, *source.children_recursive)
+        if member.type == "CURVES"
+        or any(system.settings.render_type == "PATH" for system in member.particle_systems)
+        and any(kind.type == "PARTICLE_SYSTEM" and kind.show_render for kind in member.modifiers)
+    ]
+
+
 def left_out(settings):
     """The objects of the props' collection that no body shows: lights, cameras, markers, armatures alone."""
     if settings.prop_source != "COLLECTION" or not settings.prop_collection:
         return []
     props = [source for source, _ in props_of(settings)]
     shown = {member for source in props for member in (source, *source.children_recursive)}
-    shown = {member for member in shown if member.type in PLACED | RIGS} | taken_by_others(settings)
+    # Hair is reported with its prop.
+    shown = {member for member in shown if member.type in {*PLACED, *RIGS, "CURVES"}} | taken_by_others(settings)
     if settings.use_rendered:
         # The artist has asked for it.
         hidden = [source for source in objects_of(settings.prop_collection) if source.hide_render]
@@ -118,8 +130,8 @@ def missing(settings):
     """What to do before a bake, as one sentence; empty if nothing is missing."""
     if settings.control_mesh is None:
         return "Choose the mesh that gives the pile its shape."
-    if settings.control_mesh.type != "MESH":
-        return "Choose a mesh as the shape."
+    if settings.control_mesh.type not in SOLID:
+        return "Choose a mesh, a text, a curve or a metaball as the shape."
     if settings.id_data not in settings.control_mesh.users_scene:
         return f"The shape “{settings.control_mesh.name}” is not in this scene any more. Choose another one."
     if not props_of(settings):
@@ -216,6 +228,7 @@ def taking(context, passive=False):
     yield from extras.add_bodies(objects_of(settings.keep), objects_of(settings.impact))
     _set_parameters(v1, scene_message, settings)
     extras.add_entrance()
+    extras.add_collapse()
     if is_container(settings):
         paths = {source: model.uri for source, model in statics} | extras.moved
         if settings.control_mesh in paths:
@@ -256,6 +269,7 @@ def taking(context, passive=False):
         "token": uuid.uuid4().hex,
         "scene": scene.name,
         "control": settings.control_mesh.name,
+        "place": [list(row) for row in settings.control_mesh.matrix_world],
         "props": [
             {
                 "name": prop.source.name,
@@ -272,6 +286,11 @@ def taking(context, passive=False):
             f"{model.uri}: it moves, but the bake uses its pose at the start frame"
             for source, model in statics
             if placed.is_animated(source)
+        ]
+        + [
+            f"{prop.model.uri}: its hair or fur is on no body. Convert it to a mesh, or let the bodies be bare"
+            for prop in props
+            if hairy(prop.source)
         ]
         + [f"{source.name}: it has no surface, so no body shows it" for source in missed],
         "metres": exporter.metres,

@@ -5,6 +5,7 @@ the shape's base. It is a delta transform, so that clearing location, rotation a
 """
 
 import bpy
+import numpy as np
 from mathutils import Matrix, Vector
 
 # Radius of the empty, relative to the shape's width.
@@ -44,6 +45,14 @@ def is_home(root):
     off = max(abs(a - b) for one, other in zip(root.matrix_basis, still) for a, b in zip(one, other))
     is_moved = off > MOVED * (1.0 + Vector(root.delta_location).length) or root.parent or root.constraints
     return not is_moved and root.animation_data is None
+
+
+def is_left_behind(root, control, place):
+    """Whether a shape was moved since the bake, when its matrix was `place`, and its pile was not moved with it."""
+    here, place = np.array(control.matrix_world), np.array(place)
+    along = np.array(root.matrix_world @ Matrix.Translation(root.cairn.home).inverted()) @ place if root else place
+    off = min(np.abs(here - place).max(), np.abs(here - along).max())
+    return off > MOVED * (1.0 + np.abs(place).max())
 
 
 def adopt(root, shown):

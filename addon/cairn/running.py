@@ -166,12 +166,9 @@ class Bake:
     @property
     def has_all_frames(self):
         """The pile can be made; only figures may be missing."""
-        from .messages import v1
-
-        is_measured = self.progress is not None and self.progress.stage == v1.STAGE_MEASURE
-        return self.end in ("done", "kept") or (
-            is_measured and not self.end and not self.is_stopping and self.frame_count > 0
-        )
+        # The number is known before the last of them are here.
+        is_measured = not self.end and 0 < self.frame_count == self.recording.count
+        return self.end in ("done", "kept") or (is_measured and not self.is_stopping)
 
     @property
     def frame_count(self):
@@ -329,10 +326,6 @@ def _collect():
             record = _late[made.job.bake_id] = {**made.record(), **_by_hand(made.job.bake_id)}
             for collection in bpy.data.collections:
                 if collection.cairn.is_result and collection.cairn.bake_id == made.job.bake_id:
-                    if report_of(collection)["frame_count"] != record["frame_count"]:
-                        record["warnings"].append(
-                            "the last frames came from the server too late; bake again to get them"
-                        )
                     collection.cairn.report = json.dumps(record)
                     collection.cairn.result_hash = record["result_hash"]
     for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):

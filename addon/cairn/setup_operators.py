@@ -9,6 +9,7 @@ from bpy.types import Operator
 
 from . import estimates, job, preferences, preview, request, running
 from .client import Fault
+from .export import SOLID
 from .following import explain, explaining, is_running, start_frame
 from .schema import GROUPS
 
@@ -20,7 +21,7 @@ PATIENCE = 20.0
 
 
 class CAIRN_OT_use_selected(Operator):
-    """Use the active mesh as the shape of the pile, and the other selected objects as its props"""
+    """Use the active object as the shape of the pile, and the other selected objects as its props"""
 
     bl_idname = "cairn.use_selected"
     bl_label = "Use Selected"
@@ -28,7 +29,7 @@ class CAIRN_OT_use_selected(Operator):
 
     @classmethod
     def poll(cls, context):
-        return context.object is not None and context.object.type == "MESH"
+        return context.object is not None and context.object.type in SOLID
 
     def execute(self, context):
         settings = context.scene.cairn

@@ -42,7 +42,7 @@ is_shown = False
 # By the load of the dots of glue, instead of by state.
 is_by_load = False
 _icons = None
-# How the 3D Views were colored before.
+# How the 3D Views were colored before, by what the colors are for.
 _shadings = {}
 
 
@@ -114,7 +114,7 @@ def refresh(scene):
                 points.show_states(shown, now, LINEAR, _inside(collection))
         else:
             _color(collection.objects, now)
-    _shade(True)
+    shade(True)
 
 
 def _inside(collection):
@@ -167,7 +167,7 @@ def restore():
     meshes = [part.data for part in parts]
     for unwanted in (parts, made, meshes):
         bpy.data.batch_remove(unwanted)
-    _shade(False)
+    shade(False)
 
 
 def _last(collection):
@@ -177,14 +177,14 @@ def _last(collection):
     return np.zeros(count_of(collection), np.uint8)
 
 
-def _shade(by_object):
-    """Lets solid 3D Views show the objects' colors, or resets them."""
+def shade(by_object, user="states"):
+    """Lets solid 3D Views show the objects' colors, or resets them. `user`: what the colors are for."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             space = area.spaces.active
             if area.type != "VIEW_3D":
                 continue
-            key = space.as_pointer()
+            key = user, space.as_pointer()
             if by_object and key not in _shadings:
                 _shadings[key] = space.shading.color_type
                 space.shading.color_type = "OBJECT"

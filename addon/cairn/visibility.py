@@ -2,6 +2,9 @@
 
 import bpy
 
+# Edges of a shape up to which its wire lets its pile be seen.
+MOST_EDGES = 3000
+
 
 def others(scene, collection):
     """The other scenes that have a collection."""
@@ -45,6 +48,14 @@ def leave(scene, collection):
         show(scene, collection, False)
 
 
+def thin(control):
+    """How a shape is shown around its pile: as wire; of a dense mesh, that would hide the pile: as its box."""
+    # Not brought up to date: all new objects would be evaluated for it.
+    graph = bpy.context.view_layer.depsgraph
+    mesh = (control.evaluated_get(graph) if graph else control).data
+    return "BOUNDS" if len(getattr(mesh, "edges", ())) > MOST_EDGES else "WIRE"
+
+
 def veil(scene, control):
     """Shows a shape as wire, and not in renders: its pile is in its place. Gives a sentence about what is not
     possible; empty if all is."""
@@ -63,7 +74,7 @@ def veil(scene, control):
         note.is_veiled = True
         note.was_hidden_in_render, note.was_display_type = control.hide_render, control.display_type
     control.hide_render = True
-    control.display_type = "WIRE"
+    control.display_type = thin(control)
     return ""
 
 
@@ -79,7 +90,7 @@ def unveil(scene, control, stays=False):
         return
     note.is_veiled = False
     control.hide_render = note.was_hidden_in_render
-    if control.display_type == "WIRE":
+    if control.display_type in {"WIRE", thin(control)}:
         control.display_type = note.was_display_type or "TEXTURED"
 
 

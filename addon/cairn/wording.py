@@ -43,6 +43,8 @@ FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\
 COUNTED = re.compile(r"`?\b(?:(prop|static)s?[. \[]|(bodie|emitter)s[.\[])(\d+)\]?`?")
 BODY = re.compile(r"\b(\d+) \(([^()]+)\)")
 OTHERS = [
+    # Two sentences of a plan and a report, which mean one thing.
+    (re.compile(r"\b(the mesh is open: )it(s mass| is measured).*"), r"\1its mass and shape are estimated; close it"),
     # What the scene has, not each collider.
     (re.compile(r"`?statics\.\d+\.friction`? or the props'"), f"“Friction” {GROUND}, or in Prop Physics"),
     (re.compile(r"`?ground = true`?"), f"“Ground” {GROUND}"),

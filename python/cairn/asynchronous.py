@@ -197,13 +197,14 @@ class AsyncBake:
             elif kind == "frame":
                 yield self._recording.add_frame(event.frame)
             elif kind == "progress":
-                self._recording.add_progress(event.progress)
+                self._recording.end_at(event.progress.frame_count)
                 yield event.progress
             elif kind == "accepted":
                 self.accepted, self.id = event.accepted, event.accepted.bake_id
                 yield event.accepted
             elif kind == "summary":
                 self.summary = event.summary
+                self._recording.end_at(event.summary.frame_count)
                 yield event.summary
 
     async def result(self) -> Motion:

@@ -1,5 +1,7 @@
 """What holds what: the selected objects as bodies, their colors, and what the panel says."""
 
+from types import SimpleNamespace
+
 import bpy
 import pytest
 from conftest import cuboid, once
@@ -108,6 +110,69 @@ def test_pull_out(stack, addon):
     assert tuple(stack["board"].matrix_world.to_scale()) == pytest.approx((1, 1, 1), rel=1e-4)
     with pytest.raises(RuntimeError, match="is animated"):
         bpy.ops.cairn.pull_out()
+
+
+@once
+@pytest.mark.parametrize("mode", ["XYZ", "ZXY", "AXIS_ANGLE", "QUATERNION"])
+def test_pull_out_leaves_rotation_modes_alone(stack, addon, mode):
+    for source in stack.values():
+        source.rotation_mode = mode
+    stack["board"].rotation_mode = "XYZ"
+    stack["board"].rotation_euler.z = 0.1
+    bpy.context.view_layer.update()
+    assert bpy.ops.cairn.analyze() == {"FINISHED"} and bpy.ops.cairn.pull_out() == {"FINISHED"}
+    assert stack["block"].rotation_mode == mode and stack["board"].rotation_mode == "XYZ"
+    scene = bpy.context.scene
+    scene.frame_set(1)
+    assert stack["board"].matrix_world.to_euler().z == pytest.approx(0.1, abs=0.01)
+    tops = []
+    for frame in range(1, scene.frame_end):
+        # Between two keys as well, nothing turns the long way.
+        for part in (0.0, 0.5):
+            scene.frame_set(frame, subframe=part)
+            tops.append(stack["board"].matrix_world.to_quaternion())
+    turns = [one.rotation_difference(other).angle for one, other in zip(tops, tops[1:])]
+    assert max(min(turn, 6.2832 - turn) for turn in turns) < 0.5
+    assert middle(stack["board"]).z < 0.7
+
+
+@once
+def test_what_floats_falls(stack, addon):
+    """Glue says so, moves do it, and no message sends to the other for the same object."""
+    high = cuboid("high", (0.2, 0.2, 0.2), location=(-0.3, 0, 2.5))
+    on_it = cuboid("on it", (0.1, 0.1, 0.1), location=(-0.3, 0, 2.65))
+    for source in (high, on_it):
+        source.select_set(True)
+    bpy.context.view_layer.update()
+    stood = {name: source.matrix_world.copy() for name, source in stack.items()}
+    said, apart = [], addon("apart")
+
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    for way in ("GLUE", "MOVES", "MOVES", "GLUE"):
+        made = SimpleNamespace(report=lambda _, text: said.append(text), by=way)
+        assert apart.CAIRN_OT_make_it_stand.execute(made, bpy.context) == {"FINISHED"}
+    assert "Choose Moves" in said[0] and "2 objects fell to what carries them; all stand now" in said, said
+    assert not any("Use glue" in text or "use glue" in text for text in said), said
+    bpy.context.view_layer.update()
+    # They lie on the table, or have rolled off it.
+    assert middle(high).z == pytest.approx(1.1, abs=0.02) and middle(on_it).z < 1.3
+    assert all(source.matrix_world == stood[name] for name, source in stack.items())
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert all(addon("analysis").figures(source)["standing"] == "stands" for source in (high, on_it))
+
+
+@once
+def test_colors_are_seen_at_once(stack, addon):
+    # Blender has screens without a window, too.
+    views = [
+        area.spaces.active.shading for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"
+    ]
+    if not views:
+        pytest.skip("no 3D View without a window")
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    assert all(shading.color_type == "OBJECT" for shading in views)
+    assert bpy.ops.cairn.clear_analysis() == {"FINISHED"}
+    assert all(shading.color_type != "OBJECT" for shading in views)
 
 
 @once

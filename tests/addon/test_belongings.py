@@ -192,6 +192,18 @@ def test_how_the_artist_shows_the_shape_meanwhile_stays(desk):
     assert desk.control.display_type == "BOUNDS"
 
 
+def test_a_dense_shape_is_no_black_silhouette(desk):
+    """Its wire would hide the pile."""
+    desk.add_stick()
+    dense = desk.control.modifiers.new("Dense", "SUBSURF")
+    dense.subdivision_type, dense.levels = "SIMPLE", 6
+    bpy.context.view_layer.update()
+    desk.bake()
+    assert desk.control.display_type == "BOUNDS"
+    assert bpy.ops.cairn.delete() == {"FINISHED"}
+    assert desk.control.display_type == "TEXTURED"
+
+
 def seen(scene):
     """What a scene shows and renders."""
     layer = scene.view_layers[0]

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from blocks import bodies_of
 from conftest import once
+from mathutils import Vector
 
 NAMES = ("Firewood", "Rubble", "Oranges", "Books", "Cans")
 
@@ -25,6 +26,10 @@ def test_an_example_is_baked(addon, name):
     bodies = bodies_of(pile)
     props = {body.cairn.prop for body in bodies}
     assert len(bodies) > 30 and props == set(range(len(scene.cairn.prop_collection.objects)))
+    if name == "Firewood":
+        # Logs lie side by side: nine of ten along the wall.
+        along = [abs((body.matrix_world.to_3x3() @ Vector((1, 0, 0))).x) for body in bodies]
+        assert np.percentile(along, 10) > 0.9
     # It stands on the ground, about where its shape is.
     places = np.array([body.location for body in bodies])
     assert places[:, 2].min() > 0 and np.abs(np.median(places[:, :2], axis=0)).max() < 0.3

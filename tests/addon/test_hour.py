@@ -72,6 +72,21 @@ def test_expected_times_stay_until_the_next_are_there(desk, addon, looking, monk
     assert "Check" in addon("panels").reliance()
 
 
+def test_figures_go_with_their_shape(desk, addon):
+    desk.add_stick()
+    running, estimates = addon("running"), addon("estimates")
+    bpy.ops.cairn.check()
+    estimates.shown(bpy.context)
+    assert running.plan
+    desk.settings.control_mesh = cuboid("Other", (1.0, 1.0, 1.0))
+    estimates.shown(bpy.context)
+    assert running.plan is None and addon("panels").expected("STANDARD") == ""
+    bpy.ops.cairn.check()
+    estimates.shown(bpy.context)
+    assert running.plan
+    estimates.forget()
+
+
 def test_time_left_only_falls_or_is_not_known(addon):
     left = addon("running").TimeLeft()
     random = np.random.default_rng(5)

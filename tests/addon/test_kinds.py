@@ -6,8 +6,8 @@ import bpy
 import numpy as np
 import pytest
 from blocks import bodies_of
-from conftest import cuboid, gap, shown_vertices
-from mathutils import Matrix
+from conftest import count_blocks, cuboid, gap, points_of, shown_vertices
+from mathutils import Matrix, Vector
 from test_export import check_bodies
 
 COLORS = {"red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1)}
@@ -333,3 +333,85 @@ def test_what_is_no_prop_is_named(desk, addon):
     pairs = addon("wording").gathered(addon("running").report_of(pile)["warnings"], desk.recipe["names"])
     (names,) = [things for said, things in pairs if "has no surface" in said]
     assert sorted(names) == ["Bare Rig", "Bulb", "Cam", "Key"]
+
+
+def big_text(holder):
+    made = text(holder)
+    made.data.body, made.data.size, made.data.extrude = "O", 1.6, 0.3
+    made.rotation_euler.x = np.pi / 2
+    return made
+
+
+def big_curve(holder):
+    made = curve(holder)
+    made.data.bevel_depth, made.data.bevel_resolution = 0.3, 6
+    made.data.splines[0].points[0].co, made.data.splines[0].points[1].co = (0, 0, 0, 1), (0, 0, 0.8, 1)
+    return made
+
+
+def big_metaball(holder):
+    made = metaball(holder)
+    made.data.elements[0].radius, made.data.resolution, made.data.render_resolution = 1.0, 0.4, 0.1
+    made.location.z = 0.6
+    return made
+
+
+@pytest.mark.parametrize("kind", [big_text, big_curve, big_metaball])
+def test_a_shape_may_be_of_any_kind(desk, addon, kind):
+    desk.add_stick("Cube", (0.09, 0.09, 0.09))
+    before = count_blocks()
+    shape = desk.control = desk.settings.control_mesh = kind(bpy.context.scene.collection)
+    bpy.context.view_layer.update()
+    assert bpy.ops.cairn.use_selected.poll() or bpy.context.object is None
+    assert addon("request").missing(desk.settings) == ""
+    pile = desk.bake(output_mode="POSE")
+    places = np.array([body.location for body in bodies_of(pile)])
+    corners = np.array([shape.matrix_world @ Vector(corner) for corner in shape.bound_box])
+    assert len(places) > 10 and shape.hide_render and shape.display_type == "WIRE"
+    # Some roll away.
+    inside = ((places > corners.min(axis=0) - 0.1) & (places < corners.max(axis=0) + 0.1)).all(axis=1)
+    assert inside.mean() > 0.8
+    # It is sent as it is rendered.
+    (sent,) = [asset.sha256 for asset in desk.request.spec.assets if asset.uri == shape.name]
+    seen = len(shape.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh().vertices)
+    count = len(points_of(desk.request.contents[sent]))
+    assert count > 4 * seen if kind is big_metaball else count == seen
+    assert bpy.ops.cairn.delete() == {"FINISHED"}
+    assert not shape.hide_render and shape.display_type == "TEXTURED"
+    data = bpy.data.metaballs if kind is big_metaball else bpy.data.curves
+    assert len(data) == 1 and count_blocks()["objects"] == before["objects"] + 1
+
+
+def test_a_curve_is_as_fine_as_in_the_render(desk, addon):
+    made = bpy.data.curves.new("Ring", "CURVE")
+    made.dimensions, made.bevel_depth = "3D", 0.03
+    spline = made.splines.new("BEZIER")
+    spline.bezier_points.add(3)
+    spline.use_cyclic_u = True
+    for point, place in zip(spline.bezier_points, ((0.1, 0, 0), (0, 0.1, 0), (-0.1, 0, 0), (0, -0.1, 0))):
+        point.co, point.handle_left_type, point.handle_right_type = place, "AUTO", "AUTO"
+    ring, counts = placed("Ring", made, desk.props), []
+    for made.render_resolution_u in (0, 3, 24):
+        bpy.context.view_layer.update()
+        (prop,) = addon("request").finish(addon("export").Exporter(bpy.context).props([ring]))
+        (part,) = addon("parts").make(bpy.context, [ring], [prop.local], as_collections=False)
+        assert len(part.data.vertices) == len(prop.vertices)
+        counts.append(len(prop.vertices))
+    # Else as in the view, with 12.
+    assert counts[1] == counts[0] / 4 and counts[2] == 2 * counts[0] and made.resolution_u == 12
+    assert len(bpy.data.curves) == 1
+
+
+def test_hair_and_fur_are_named(desk, addon):
+    bear, plain = desk.add_stick("Bear"), desk.add_stick("Plain", (0.2, 0.2, 0.2))
+    bear.modifiers.new("Fur", "PARTICLE_SYSTEM")
+    bear.particle_systems[0].settings.type = "HAIR"
+    assert bear.particle_systems[0].settings.render_type == "PATH"
+    if hasattr(bpy.data, "hair_curves"):
+        cat = desk.add_stick("Cat", (0.25, 0.2, 0.1))
+        placed("Coat", bpy.data.hair_curves.new("Coat"), desk.props).parent = cat
+    pile = desk.bake(output_mode="POSE")
+    pairs = addon("wording").gathered(addon("running").report_of(pile)["warnings"], desk.recipe["names"])
+    (names,) = [things for said, things in pairs if "hair or fur" in said]
+    assert sorted(names) == ["Bear", "Cat"][: len(names)] and len(names) == 1 + hasattr(bpy.data, "hair_curves")
+    assert not any("no surface" in said for said, _ in pairs) and plain.name not in names

@@ -43,7 +43,7 @@ def test_every_name_comes_back_with_its_motion(desk, addon, form, tmp_path):
     assert bpy.ops.cairn.export_pile(form=form, filepath=path) == {"FINISHED"}
     assert list(bpy.context.selected_objects) == selected and count_blocks() == blocks
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (1, 999, current)
-    path += addon("outgoing").ENDINGS[form]
+    path += addon("outgoing").ENDINGS[form][0]
     if form == "GLTF":
         with open(path, "rb") as file:
             (length,) = struct.unpack_from("<I", file.read(20), 12)

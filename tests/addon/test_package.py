@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-WITHOUT_BLENDER = ("axes", "client", "glb", "job", "messages", "outline", "recording", "server")
+WITHOUT_BLENDER = ("axes", "client", "glb", "job", "messages", "outline", "plainly", "recording", "server")
 
 
 def test_it_is_small_and_has_licences():

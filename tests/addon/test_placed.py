@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from blocks import bodies_of
-from conftest import cuboid, shown_vertices
+from conftest import cuboid, once, shown_vertices
 
 
 @pytest.fixture
@@ -210,3 +210,55 @@ def test_bodies_come_from_an_empty_and_follow_a_curve(placing):
     curve = np.array(placing.request.spec.scene.entrance.curve).reshape(-1, 3)
     assert len(curve) == 16
     assert curve[[0, -1]] == pytest.approx(np.array([[1.0, 0.5, 0.0], [-1.0, 0.5, 0.0]]), abs=1e-6)
+
+
+@once
+@pytest.mark.parametrize("angle", [0, 90, 200])
+def test_a_pile_collapses_to_the_side_that_is_chosen(desk, addon, angle):
+    desk.control = desk.settings.control_mesh = cuboid("Tower", (0.4, 0.4, 1.4), location=(0, 0, 0.7))
+    desk.add_stick("Brick", (0.2, 0.1, 0.06))
+    before = desk.bake(output_mode="POSE")
+    first = len(bodies_of(before)) // 2
+    named = {"use_collapse_first": angle == 90, "collapse_first": first, "use_collapse_frame": angle == 90}
+    desk.bake(use_collapse=True, collapse_angle=angle, collapse_frame=31, **named)
+    ways = desk.motion.positions[-1] - desk.motion.positions[0]
+    # Blender's X and Y.
+    way = np.array([ways[:, 0].mean(), -ways[:, 2].mean()])
+    fell = np.degrees(np.arctan2(way[1], way[0]))
+    assert np.linalg.norm(way) > 0.2 and abs((fell - angle + 180) % 360 - 180) < 25, (fell, angle)
+    if angle == 90:
+        assert np.abs(desk.motion.positions[:30] - desk.motion.positions[0]).max() < 0.05
+        moved = np.linalg.norm(desk.motion.positions[29:] - desk.motion.positions[29], axis=2) > 0.004
+        assert moved.argmax(axis=0)[first - 1] == moved.any(axis=1).argmax(), "no other is earlier"
+
+
+def test_bodies_are_counted_as_their_names_are(addon):
+    dots = addon("dots")
+
+    class Pile:
+        class cairn:  # noqa: N801 as a collection has it
+            left_out = "[0, 3]"
+
+    assert [dots.number_of(Pile, body) for body in range(5)] == [None, 1, 2, None, 3]
+    assert [dots.body_of(Pile, number) for number in (1, 2, 3)] == [1, 2, 4] and dots.body_of(None, 3) == 2
+
+
+@once
+def test_bodies_behind_a_wall_are_told_of(desk, addon):
+    desk.add_stick("Cube", (0.1, 0.1, 0.1))
+    desk.settings.colliders = collection("Walls", cuboid("Wall", (0.04, 3.0, 2.0), location=(0.22, 0, 1.0)))
+    desk.settings.colliders.objects.link(cuboid("Table", (3.0, 3.0, 0.1), location=(0, 0, -0.05)))
+
+    def said():
+        pile = desk.bake(output_mode="POSE")
+        warnings = addon("running").report_of(pile)["warnings"]
+        return bodies_of(pile), [text for text in warnings if "behind" in text]
+
+    bodies, (text,) = said()
+    behind = sum(body.location.x > 0.22 for body in bodies)
+    assert 0 < behind < len(bodies) / 2
+    assert text.startswith(f"{behind} of {len(bodies)} bodies lie behind “Wall”, apart from the others")
+    # The same wall beside the shape.
+    bpy.data.objects["Wall"].location.x += 0.5
+    bpy.context.view_layer.update()
+    assert said()[1] == []

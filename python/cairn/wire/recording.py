@@ -27,8 +27,9 @@ class Recording:
 
     def __init__(self):
         self._start()
-        # The result's frames, in order.
+        # The result's frames, in order; and how many it has, once that is known.
         self.frames = []
+        self.count = None
 
     def _start(self):
         self.props = np.empty(0, np.int32)
@@ -72,14 +73,16 @@ class Recording:
             self.states = self.states.copy()
             self.states[np.asarray(frame.state_body_indices, np.intp)] = frame.states
         snapshot = Snapshot(frame.stage, self.props, scales, positions, rotations, present, self.states)
-        if frame.stage != v1.STAGE_FILL and frame.frame_number == len(self.frames):
+        if frame.stage != v1.STAGE_FILL and frame.frame_number == len(self.frames) != self.count:
             self.frames.append(snapshot)
         return snapshot
 
-    def add_progress(self, progress):
-        """Leaves out the last frames, which the result does not have (`output.trim`)."""
-        if progress.frame_count:
-            del self.frames[progress.frame_count :]
+    def end_at(self, count):
+        """Takes the number of the result's frames; 0 where it is not known yet. It leaves out the last (`output.trim`),
+        whether they have arrived or will."""
+        if count:
+            self.count = count
+            del self.frames[count:]
 
     def motion(self):
         """The result's frames as one. None if there is none yet."""

@@ -108,7 +108,7 @@ impl CachedFill {
         }
         for still in self.shown.iter().flatten() {
             let &CachedFrame { number, time, ref bodies } = still;
-            observer.frame(&Frame { stage: Stage::Fill, number, time, bodies });
+            observer.frame(&Frame { stage: Stage::Fill, number, time, bodies, comers: &[] });
         }
     }
 }

@@ -46,6 +46,8 @@ pub struct Frame<'a> {
     pub time: f64,
     /// Shape `[body]`; `None` where a body has been removed. The fill's indices are not those of the result.
     pub bodies: &'a [Option<FrameBody>],
+    /// Shape `[body]`, or empty where all are there from the beginning: the bodies that come in later.
+    pub comers: &'a [FrameBody],
 }
 
 /// One body of a frame.

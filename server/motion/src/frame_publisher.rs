@@ -32,8 +32,8 @@ impl FramePublisher {
         }
         let states = pile.control.states(&pile.world);
         while self.shown < count && self.shown <= self.last {
-            let time = self.shown as f64 / self.fps;
-            send(pile, self.shown, &states, observer, |bodies| Frame { stage, number: self.shown, time, bodies });
+            let (number, time) = (self.shown, self.shown as f64 / self.fps);
+            send(pile, number, &states, observer, |bodies| Frame { stage, number, time, bodies, comers: &[] });
             self.shown += 1;
         }
     }
@@ -44,7 +44,7 @@ impl FramePublisher {
             let time = pile.recorder.count().min(self.last) as f64 / self.fps;
             let states = pile.control.states(&pile.world);
             let latest = pile.recorder.frames.len() - 1;
-            send(pile, latest, &states, observer, |bodies| Frame { stage, number: 0, time, bodies });
+            send(pile, latest, &states, observer, |bodies| Frame { stage, number: 0, time, bodies, comers: &[] });
         }
     }
 }

@@ -277,7 +277,7 @@ mod tests {
         };
         let bodies: Vec<_> = (0..MOST_BODIES).map(body).collect();
         for stage in [Stage::Fill, Stage::Release] {
-            let frame = Frame { stage, number: 10_000, time: 1000.0, bodies: &bodies };
+            let frame = Frame { stage, number: 10_000, time: 1000.0, bodies: &bodies, comers: &[] };
             let mut count = 0;
             for kind in FrameDelta::default().next(&frame) {
                 if let Kind::Frame(frame) = &kind {

@@ -91,9 +91,10 @@ fn body_table(frame: &Frame, first: usize) -> proto::BodyTable {
         first_body_index: to_proto::signed(first),
         ..Default::default()
     };
-    for shown in &frame.bodies[first..] {
+    for (id, shown) in frame.bodies.iter().enumerate().skip(first) {
         // A body that was inserted and removed between two frames has neither prop nor pose.
-        let (prop, scale) = shown.map_or((0, 0.0), |shown| (shown.prop, shown.scale));
+        let known = shown.as_ref().or(frame.comers.get(id));
+        let (prop, scale) = known.map_or((0, 0.0), |known| (known.prop, known.scale));
         table.prop_indices.push(to_proto::signed(prop));
         table.scales.push(scale as f32);
     }
@@ -116,7 +117,7 @@ mod tests {
         stage: Stage,
         bodies: &[Option<FrameBody>],
     ) -> (Option<proto::BodyTable>, proto::Frame) {
-        let sent: Vec<Kind> = delta.next(&Frame { stage, number: 0, time: 0.0, bodies }).collect();
+        let sent: Vec<Kind> = delta.next(&Frame { stage, number: 0, time: 0.0, bodies, comers: &[] }).collect();
         match &sent[..] {
             [Kind::BodyTable(table), Kind::Frame(frame)] => (Some(table.clone()), frame.clone()),
             [Kind::Frame(frame)] => (None, frame.clone()),
@@ -147,6 +148,16 @@ mod tests {
         assert_eq!((frame.body_indices, frame.scales), (vec![0], vec![]));
         let (table, frame) = messages(&mut delta, Stage::Hold, &[body(1.0, 1.0)]);
         assert!(table.is_none() && frame.body_indices.is_empty());
+    }
+
+    #[test]
+    fn a_body_that_comes_in_later_has_its_prop_and_scale_from_the_beginning() {
+        let comers = [body(1.0, 0.5).unwrap(), body(2.0, 0.7).unwrap()];
+        let bodies = [Some(comers[0]), None];
+        let mut delta = FrameDelta::default();
+        let frame = Frame { stage: Stage::Hold, number: 0, time: 0.0, bodies: &bodies, comers: &comers };
+        let Some(Kind::BodyTable(table)) = delta.next(&frame).next() else { panic!("no table") };
+        assert_eq!((table.prop_indices, table.scales), (vec![1, 1], vec![0.5, 0.7]));
     }
 
     #[test]

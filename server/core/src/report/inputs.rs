@@ -59,7 +59,8 @@ impl ReportInputs<'_> {
     /// Progress of the measures, 0 to 1.
     pub fn progress(&self, fraction: f64) -> Progress {
         let bodies = self.pile.bodies.len();
-        let frames = self.pile.frames.len();
+        // An entrance has frames of its own.
+        let frames = self.entrance.map_or(self.pile.frames.len(), |entrance| entrance.last + 1);
         Progress { stage: Stage::Measure, fraction, bodies, released: bodies, at_rest: 0, nails: 0, frames }
     }
 

@@ -488,10 +488,8 @@ mod tests {
                 0,
                 none(),
                 [0, 2],
-                &[
-                    "2 bodies hang in the air to the eye: no chain of meshes that touch leads from there to what \
-                     stands; smaller props fill thin parts, and more accuracy leaves smaller gaps",
-                ],
+                &["2 bodies hang in the air to the eye: no chain of meshes that touch leads from there to what \
+                     stands; smaller props fill thin parts, and more accuracy leaves smaller gaps"],
             ),
         ] {
             let said = rest(held).into_iter().chain(fallen(fell)).chain(guarded.warnings()).chain(unsupported(hanging));

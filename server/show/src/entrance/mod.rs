@@ -27,6 +27,7 @@ use cairn_geometry::pose::Pose;
 use cairn_input::error::Error;
 use cairn_input::observer::{Frame, FrameBody, Observer, Progress, Stage, State, observe};
 use cairn_input::params::{EntranceKind, EntranceOrder, Params};
+use cairn_motion::instance::Instance;
 use cairn_motion::pile::Pile;
 use cairn_statics::local::Analyser;
 use glam::{DMat3, DVec3};
@@ -383,11 +384,14 @@ pub fn show(pile: &Pile, frames: &[Vec<Pose>], appear: &[usize], fps: f64, obser
         return;
     }
     for (number, poses) in frames.iter().enumerate() {
-        let body = |((&pose, instance), &first): ((&Pose, &cairn_motion::instance::Instance), &usize)| {
+        let body = |(&pose, instance): (&Pose, &Instance)| {
             let (prop, scale, state) = (instance.prop, instance.scale, State::Free);
-            (first <= number).then_some(FrameBody { prop, scale, pose, state })
+            FrameBody { prop, scale, pose, state }
         };
-        let bodies: Vec<Option<FrameBody>> = poses.iter().zip(&pile.instances).zip(appear).map(body).collect();
-        observer.frame(&Frame { stage: Stage::Hold, number, time: number as f64 / fps, bodies: &bodies });
+        let comers: Vec<FrameBody> = poses.iter().zip(&pile.instances).map(body).collect();
+        let there = comers.iter().zip(appear).map(|(&body, &first)| (first <= number).then_some(body));
+        let bodies: Vec<Option<FrameBody>> = there.collect();
+        let time = number as f64 / fps;
+        observer.frame(&Frame { stage: Stage::Hold, number, time, bodies: &bodies, comers: &comers });
     }
 }

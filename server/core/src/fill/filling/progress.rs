@@ -50,7 +50,7 @@ impl FillProgress {
             })
         };
         let bodies: Vec<Option<FrameBody>> = (0..world.next_id()).map(shown).collect();
-        observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies });
+        observer.frame(&Frame { stage: Stage::Fill, number, time, bodies: &bodies, comers: &[] });
         self.next_frame = Some(number + 1);
     }
 }
