@@ -106,7 +106,9 @@ pub fn figures(
     if let Some(at_end) = &at_end {
         measured.figures.extend(at_end.figures().map(|(name, value)| (name, Some(value))));
     }
-    if at_end.as_ref().is_some_and(|end| end.shape_iou.value < POOR_MATCH) && inputs.core.is_none() {
+    // A pile of a given number of bodies, or around a core, need not fill the shape.
+    let fills = inputs.core.is_none() && inputs.params.fill.count.is_none() && inputs.filled.is_some();
+    if fills && at_end.as_ref().is_some_and(|end| end.shape_iou.value < POOR_MATCH) {
         measured.shapes += 1;
         measured.empty_parts = LocalThickness::new(&region).uncovered(measurer.covered(&pile_of(&props, &held)));
     }
