@@ -215,10 +215,9 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, shapes: &[Shap
     let workload = Workload::of(scene, params, checked, shapes);
     let range = plan::body_range(scene, params, checked);
     // The laws are nearly proportional to the number of bodies, whose usual range is within their own factor.
-    let unknown = range.mixed.map_or(1.0, |_| {
-        let (low, high) = (range.low as f64, range.high as f64);
-        (high / workload.bodies).max(workload.bodies / low.max(1.0)).max(1.0)
-    });
+    let (low, high) = (range.low as f64, range.high as f64);
+    let spread = (high / workload.bodies).max(workload.bodies / low.max(1.0));
+    let unknown = if range.mixed.is_some() { spread } else { spread / packing::FACTOR }.max(1.0);
     let [own, holding] = traits.overlaps;
     let mixed = |n: usize| workload.primitive * own[n] + (1.0 - workload.primitive) * holding[n];
     let [overlap_rel, most_overlap_rel] = [mixed(0), mixed(1)];

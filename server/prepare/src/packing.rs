@@ -79,7 +79,7 @@ const STACKED: f64 = 0.85;
 /// others are within the range. The example `fit_estimate` prints the factor of nine of ten for the fills it is given.
 pub const FACTOR: f64 = 1.5;
 /// Props that fill less than this share of their convex hulls, such as a carrot with its leaves, reach into each other
-/// by more or less: 354 and 874 bodies where 119 and 297 were expected.
+/// by more or less, which no law of volumes knows: the range is wider by the root of how much less.
 const OPEN: f64 = 0.3;
 /// Mean diameters of props that differ by more than this ratio share a room in ways that no law of means knows: where
 /// large ones find no room, small ones take it.
@@ -101,8 +101,8 @@ pub fn body_range(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share
     let within = |bodies: f64| (bodies.round().max(1.0) as usize).min(most);
     // How far such props reach into each other is not known before.
     let [_, solidity, ..] = room.load(scene, sizes).1;
-    let nesting = (OPEN / libm::exp(solidity)).max(1.0);
-    let (low, high) = (within(expected as f64 / FACTOR), within(expected as f64 * FACTOR * nesting));
+    let factor = FACTOR * (OPEN / libm::exp(solidity)).max(1.0).sqrt();
+    let (low, high) = (within(expected as f64 / factor), within(expected as f64 * factor));
     let drawn = || scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
     let volume = |(prop, size): (&Prop, &Size)| size.volume * mean_cube(prop);
     let least = drawn().map(volume).fold(f64::INFINITY, f64::min);

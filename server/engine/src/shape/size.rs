@@ -2,6 +2,7 @@
 
 use super::{FLAT_THICKNESS, fit, hull_mesh, mass, round};
 use cairn_geometry::HOLLOW;
+use cairn_geometry::interior::MeshInterior;
 use cairn_geometry::measure::outermost_points;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::topology;
@@ -14,7 +15,7 @@ pub struct Size {
     pub diameter: f64,
     /// Edges of the tightest box around the prop, ascending, m.
     pub extents: DVec3,
-    /// m^3; of an open mesh, half its box: an estimate.
+    /// m^3; of an open mesh with its holes capped, or an estimate.
     pub volume: f64,
     /// Of its convex hull, m^3.
     pub hull_volume: f64,
@@ -47,7 +48,7 @@ impl Size {
             false => 0.0,
         };
         let closed = own > HOLLOW * bulk;
-        let volume = if closed { own } else { bulk / 2.0 };
+        let volume = if closed { own } else { open_volume(mesh, bulk) };
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
         // Parts that overlap have surfaces inside, which are no walls.
@@ -55,6 +56,13 @@ impl Size {
         let wall = if is_whole { extents[0].min(6.0 * own / mesh.area()) } else { extents[0] };
         Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, has_parts, round, wall }
     }
+}
+
+/// What an open mesh encloses with its holes capped, such as a root with leaves; half of its box where that is next to
+/// nothing.
+fn open_volume(mesh: &TriMesh, bulk: f64) -> f64 {
+    let capped = MeshInterior::new(mesh).volume();
+    if capped > HOLLOW * bulk { capped } else { bulk / 2.0 }
 }
 
 /// The geometry library works in single precision: it sees the unit ball.
