@@ -253,9 +253,10 @@ fn more_memory_than_allowed() {
     desk.line(&format!("check {scene} --max-memory-mib 511")).fails(2, &["--max-memory-mib", "511"]);
     // Half a gigabyte is much for a small scene, and little for a million instances.
     desk.line(&format!("check {scene} --max-memory-mib 512")).ok();
-    instances(&desk, "many.glb", 80_000);
+    instances(&desk, "many.glb", 240_000);
     let before = desk.files();
-    let done = desk.line("bake -o pile.glb --control cone.glb --prop many.glb --max-memory-mib 512");
+    let limits = "--max-triangles 20000000 --max-memory-mib 512";
+    let done = desk.line(&format!("bake -o pile.glb --control cone.glb --prop many.glb {limits}"));
     assert_eq!((done.code, desk.files()), (65, before), "{}", done.stderr);
     // The standard library's message comes first.
     let words = done.stderr.lines().find(|line| line.starts_with("error: ")).unwrap_or_default();

@@ -78,9 +78,6 @@ const STACKED: f64 = 0.85;
 /// at `draft` that the law was not fitted to had 0.90, 0.94 and 1.03 times that number; too few to say how many of ten
 /// others are within the range. The example `fit_estimate` prints the factor of nine of ten for the fills it is given.
 pub const FACTOR: f64 = 1.5;
-/// Props that fill less than this share of their convex hulls, such as a carrot with its leaves, reach into each other
-/// by more or less, which no law of volumes knows: the range is wider by the root of how much less.
-const OPEN: f64 = 0.3;
 /// Mean diameters of props that differ by more than this ratio share a room in ways that no law of means knows: where
 /// large ones find no room, small ones take it.
 const MIXED: f64 = 3.0;
@@ -99,10 +96,10 @@ pub fn body_range(scene: &Scene, sizes: &[Size], room: &Room, fill: &Fill, share
     let expected = expected_bodies(scene, sizes, room, fill, share);
     let most = (fill.max_bodies as usize).min(fill.count.unwrap_or(u32::MAX) as usize);
     let within = |bodies: f64| (bodies.round().max(1.0) as usize).min(most);
-    // How far such props reach into each other is not known before.
-    let [_, solidity, ..] = room.load(scene, sizes).1;
-    let factor = FACTOR * (OPEN / libm::exp(solidity)).max(1.0).sqrt();
-    let (low, high) = (within(expected as f64 / factor), within(expected as f64 * factor));
+    // Of an open mesh, the volume is an estimate: so is the number.
+    let enclosed: Vec<Size> = sizes.iter().map(|size| Size { volume: size.enclosed, ..*size }).collect();
+    let other = expected_bodies(scene, &enclosed, room, fill, share);
+    let (low, high) = (within(expected.min(other) as f64 / FACTOR), within(expected.max(other) as f64 * FACTOR));
     let drawn = || scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
     let volume = |(prop, size): (&Prop, &Size)| size.volume * mean_cube(prop);
     let least = drawn().map(volume).fold(f64::INFINITY, f64::min);

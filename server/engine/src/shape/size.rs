@@ -15,8 +15,10 @@ pub struct Size {
     pub diameter: f64,
     /// Edges of the tightest box around the prop, ascending, m.
     pub extents: DVec3,
-    /// m^3; of an open mesh with its holes capped, or an estimate.
+    /// m^3; of an open mesh, half its box: an estimate.
     pub volume: f64,
+    /// m^3; of an open mesh with its holes capped, where that is more than next to nothing.
+    pub enclosed: f64,
     /// Of its convex hull, m^3.
     pub hull_volume: f64,
     /// The mesh bounds a solid.
@@ -48,21 +50,31 @@ impl Size {
             false => 0.0,
         };
         let closed = own > HOLLOW * bulk;
-        let volume = if closed { own } else { open_volume(mesh, bulk) };
+        let volume = if closed { own } else { bulk / 2.0 };
+        let enclosed = if closed { own } else { capped_volume(mesh).filter(|v| *v > HOLLOW * bulk).unwrap_or(volume) };
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
         // Parts that overlap have surfaces inside, which are no walls.
         let is_whole = closed && !has_parts;
         let wall = if is_whole { extents[0].min(6.0 * own / mesh.area()) } else { extents[0] };
-        Size { diameter, extents: DVec3::from_array(extents), volume, hull_volume, closed, has_parts, round, wall }
+        Size {
+            diameter,
+            extents: DVec3::from_array(extents),
+            volume,
+            enclosed,
+            hull_volume,
+            closed,
+            has_parts,
+            round,
+            wall,
+        }
     }
 }
 
-/// What an open mesh encloses with its holes capped, such as a root with leaves; half of its box where that is next to
-/// nothing.
-fn open_volume(mesh: &TriMesh, bulk: f64) -> f64 {
-    let capped = MeshInterior::new(mesh).volume();
-    if capped > HOLLOW * bulk { capped } else { bulk / 2.0 }
+/// What an open mesh encloses with its holes capped, such as a root with leaves.
+fn capped_volume(mesh: &TriMesh) -> Option<f64> {
+    let volume = MeshInterior::new(mesh).volume();
+    volume.is_finite().then_some(volume)
 }
 
 /// The geometry library works in single precision: it sees the unit ball.
