@@ -100,7 +100,7 @@ impl Thin {
     fn new(scene: &Scene, params: &Params, checked: &CheckedScene, bodies: usize) -> Thin {
         let local = checked.thickness.as_ref().filter(|_| checked.core.is_none() && params.fill.count.is_none());
         let Some(local) = local else { return Thin::default() };
-        // In a limb, props lie along it: their second extent must fit.
+        // In a limb, props are aligned with it: their second extent must fit.
         let drawn = scene.props.iter().zip(&checked.sizes).filter(|(prop, _)| prop.weight > 0.0);
         let needed = drawn.map(|(prop, size)| ROUNDED * size.extents.y * prop.scale[0]).fold(f64::INFINITY, f64::min);
         let parts = local.thinner(needed);
