@@ -8,12 +8,13 @@
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 const LARGE: libc::c_int = 256 << 10;
 
-/// Keeps the allocator to these bounds, which it otherwise raises with the pieces that it sees.
+/// Keeps the allocator to one heap, since it gives back the end of no other, and to these bounds, which it otherwise
+/// raises with the pieces that it sees. For threads that start later.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
 pub fn set_up() {
-    for bound in [libc::M_MMAP_THRESHOLD, libc::M_TRIM_THRESHOLD] {
+    for (what, value) in [(libc::M_ARENA_MAX, 1), (libc::M_MMAP_THRESHOLD, LARGE), (libc::M_TRIM_THRESHOLD, LARGE)] {
         // SAFETY: it takes two numbers, locks what it works on, and may be called by any thread at any time.
-        unsafe { libc::mallopt(bound, LARGE) };
+        unsafe { libc::mallopt(what, value) };
     }
 }
 

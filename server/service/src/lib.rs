@@ -28,7 +28,7 @@ mod deadline;
 mod encryption;
 mod event_log;
 mod folder;
-mod heap;
+pub mod heap;
 mod hook;
 #[cfg(feature = "failpoints")]
 pub mod in_process;

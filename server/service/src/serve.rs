@@ -8,7 +8,6 @@ use crate::calls::Service;
 use crate::config::Config;
 use crate::connections::Connections;
 use crate::encryption;
-use crate::heap;
 use crate::incoming::Incoming;
 use crate::jobs::Bakes;
 use crate::listen::Listener;
@@ -90,7 +89,6 @@ pub async fn run(
     store: Store,
     metrics: Option<MetricsPage>,
 ) -> Result<(), ServeError> {
-    heap::set_up();
     let mut drain = Duration::from_secs(config.drain_seconds);
     let (data, workers) = (config.data.display().to_string(), config.workers());
     info!(version = cairn_files::version::BUILD, data, workers, "starting");

@@ -195,6 +195,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let config = args.config()?;
     let token = std::env::var("CAIRN_TOKEN").ok();
     telemetry::log(config.log);
+    // Before there are threads, each of which would have its own.
+    cairn_service::heap::set_up();
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
         .max_blocking_threads(BLOCKING_THREADS)

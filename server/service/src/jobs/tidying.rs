@@ -61,6 +61,8 @@ impl Bakes {
     pub async fn keep_limits(self: Arc<Self>) {
         /// Interval of checks while nothing is added: files also become too old.
         const PAUSE: Duration = Duration::from_secs(600);
+        /// What was in use during a check is free this much later.
+        const SETTLED: Duration = Duration::from_secs(2);
         /// A check of a large store takes long; the pause after it is this many times as long.
         const LEFT_ALONE: u32 = 20;
         loop {
@@ -78,6 +80,10 @@ impl Bakes {
                 Err(error) => warn!(%error, "the store could not be trimmed"),
             }
             tokio::time::sleep(began.elapsed() * LEFT_ALONE).await;
+            if tokio::time::timeout(SETTLED, self.trim.notified()).await.is_ok() {
+                continue;
+            }
+            let _ = tokio::task::spawn_blocking(heap::give_back).await;
             let _ = tokio::time::timeout(PAUSE, self.trim.notified()).await;
         }
     }
