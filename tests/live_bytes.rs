@@ -99,7 +99,7 @@ fn a_bake_takes_little_memory_and_none_once_it_is_deleted() {
     };
     let mut service = InProcess::with(config).unwrap();
     for bytes in ["cone-small.glb", "stick.glb"].map(content) {
-        let header = AssetHeader { sha256: sha256(&bytes), size_bytes: bytes.len() as i64, ..Default::default() };
+        let header = AssetHeader { sha256: sha256(&bytes), size_bytes: bytes.len() as i64 };
         let first = UploadAssetRequest { header: Some(header), ..Default::default() };
         let rest = UploadAssetRequest { chunk: bytes.into(), ..Default::default() };
         call::<_, cairn_wire::proto::UploadAssetResponse>(&mut service, "UploadAsset", &[first, rest]);
