@@ -20,6 +20,7 @@ use cairn_geometry::topology::{self, WELD_TOLERANCE};
 use cairn_input::error::{SceneProblem, counted};
 use cairn_input::params::Params;
 use cairn_input::scene::{Model, Prop, Scene};
+use glam::DVec3;
 
 /// A scene without problems, and the findings of the check.
 #[derive(Debug)]
@@ -289,6 +290,9 @@ pub const FLOATING: f64 = 0.1;
 /// Props count as this much thinner than they are: a rounded one fits where its box does not.
 pub const ROUNDED: f64 = 0.9;
 
+/// A control mesh that is thicker than so many props in the mean is not looked at from place to place.
+const THICK: f64 = 8.0;
+
 /// Whether the control mesh is thick enough for the props. Returns how thick it is from place to place.
 fn room(
     scene: &Scene,
@@ -299,7 +303,13 @@ fn room(
 ) -> Option<LocalThickness> {
     let (model, control) = (scene.control.as_ref()?, control.filter(|_| scene.is_filled(params))?);
     let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
-    let thickness = drawn.map(|(prop, size)| size.extents.x * prop.scale[0]).fold(f64::INFINITY, f64::min);
+    let least = drawn.fold(DVec3::INFINITY, |least, (prop, size)| least.min(size.extents * prop.scale[0]));
+    // Of a slab, its thickness; of a ball, a third of its diameter.
+    let mean = 2.0 * control.volume / control.topology.area;
+    if mean > THICK * least.y {
+        return None;
+    }
+    let thickness = least.x;
     let local = LocalThickness::new(&MeshInterior::new(&control.mesh));
     // A ball that just fits: rounding must not decide.
     let share = local.share(0.999 * ROUNDED * thickness);
