@@ -41,8 +41,6 @@ pub struct CheckedScene {
     pub rides: bool,
     /// Shares of the control mesh's volume and surface that scenery leaves, where there is some.
     room: Option<(f64, f64)>,
-    /// How thick the control mesh is from place to place, where it is to be filled.
-    pub thickness: Option<LocalThickness>,
     /// The scenery around the control mesh, where there is some and it is to be filled.
     pub surroundings: Option<Surroundings>,
     /// One per prop.
@@ -145,9 +143,8 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
             found.problem(format!("props.{i}"), text);
         }
     }
-    let mut thickness = None;
     if found.problems.is_empty() {
-        thickness = room(scene, params, control.as_ref(), &sizes, &mut found);
+        room(scene, params, control.as_ref(), &sizes, &mut found);
         found.problems.extend(shell::too_thin(scene, params, &sizes));
     }
     let Findings { problems, mut warnings } = found;
@@ -207,7 +204,6 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
         piles,
         rides,
         room,
-        thickness,
         surroundings,
         sizes,
         shares,
@@ -290,26 +286,13 @@ pub const FLOATING: f64 = 0.1;
 /// Props count as this much thinner than they are: a rounded one fits where its box does not.
 pub const ROUNDED: f64 = 0.9;
 
-/// A control mesh that is thicker than so many props in the mean is not looked at from place to place.
-const THICK: f64 = 8.0;
-
-/// Whether the control mesh is thick enough for the props. Returns how thick it is from place to place.
-fn room(
-    scene: &Scene,
-    params: &Params,
-    control: Option<&ClosedMesh>,
-    sizes: &[Size],
-    found: &mut Findings,
-) -> Option<LocalThickness> {
-    let (model, control) = (scene.control.as_ref()?, control.filter(|_| scene.is_filled(params))?);
-    let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
-    let least = drawn.fold(DVec3::INFINITY, |least, (prop, size)| least.min(size.extents * prop.scale[0]));
-    // Of a slab, its thickness; of a ball, a third of its diameter.
-    let mean = 2.0 * control.volume / control.topology.area;
-    if mean > THICK * least.y {
-        return None;
+/// Whether the control mesh is thick enough for the props.
+fn room(scene: &Scene, params: &Params, control: Option<&ClosedMesh>, sizes: &[Size], found: &mut Findings) {
+    let (Some(model), Some(control)) = (&scene.control, control.filter(|_| scene.is_filled(params))) else { return };
+    let thickness = least_extents(scene, sizes).x;
+    if mean_thickness(control) > ROUNDED * thickness {
+        return;
     }
-    let thickness = least.x;
     let local = LocalThickness::new(&MeshInterior::new(&control.mesh));
     // A ball that just fits: rounding must not decide.
     let share = local.share(0.999 * ROUNDED * thickness);
@@ -322,7 +305,17 @@ fn room(
         );
         found.problem("control_mesh", text);
     }
-    Some(local)
+}
+
+/// The least extents of the props that are drawn, m.
+pub fn least_extents(scene: &Scene, sizes: &[Size]) -> DVec3 {
+    let drawn = scene.props.iter().zip(sizes).filter(|(prop, _)| prop.weight > 0.0);
+    drawn.fold(DVec3::INFINITY, |least, (prop, size)| least.min(size.extents * prop.scale[0]))
+}
+
+/// Of a slab, its thickness; of a ball, a third of its diameter.
+pub fn mean_thickness(control: &ClosedMesh) -> f64 {
+    2.0 * control.volume / control.topology.area
 }
 
 /// A control mesh that fills less of its own box than this has no inside to speak of.

@@ -1,10 +1,11 @@
 //! The plan of a bake: its stages, effects and warnings, before anything runs.
 
-use crate::check::{CheckedScene, ROUNDED};
+use crate::check::{CheckedScene, ROUNDED, least_extents, mean_thickness};
 use crate::effects::{Effect, EffectName, Resolved};
 use crate::packing::{self, BodyRange, Room, expected_bodies};
 use cairn_geometry::ClosedMesh;
-use cairn_geometry::thickness::{Part, describe_parts};
+use cairn_geometry::interior::MeshInterior;
+use cairn_geometry::thickness::{LocalThickness, Part, describe_parts};
 use cairn_input::error::counted;
 use cairn_input::observer::Stage;
 use cairn_input::params::{Accuracy, EntranceKind, Params};
@@ -85,6 +86,8 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
     }
 }
 
+/// A control mesh that is thicker than so many props in the mean is not looked at from place to place.
+const THICK: f64 = 8.0;
 /// Smaller props are recommended if no more bodies than this would fit.
 const MOST_TO_FIT: f64 = 3000.0;
 
@@ -98,11 +101,14 @@ struct Thin {
 impl Thin {
     /// `bodies`: that the fill will place.
     fn new(scene: &Scene, params: &Params, checked: &CheckedScene, bodies: usize) -> Thin {
-        let local = checked.thickness.as_ref().filter(|_| checked.core.is_none() && params.fill.count.is_none());
-        let Some(local) = local else { return Thin::default() };
+        let fills = checked.core.is_none() && params.fill.count.is_none();
+        let Some(control) = checked.filled(scene, params).filter(|_| fills) else { return Thin::default() };
         // In a limb, props are aligned with it: their second extent must fit.
-        let drawn = scene.props.iter().zip(&checked.sizes).filter(|(prop, _)| prop.weight > 0.0);
-        let needed = drawn.map(|(prop, size)| ROUNDED * size.extents.y * prop.scale[0]).fold(f64::INFINITY, f64::min);
+        let width = least_extents(scene, &checked.sizes).y;
+        if mean_thickness(control) > THICK * width {
+            return Thin::default();
+        }
+        let (local, needed) = (LocalThickness::new(&MeshInterior::new(&control.mesh)), ROUNDED * width);
         let parts = local.thinner(needed);
         let least = libm::cbrt(bodies as f64 / MOST_TO_FIT);
         let scales = parts.iter().map(|part| part.thickness / needed).filter(|scale| *scale >= least);

@@ -2,7 +2,6 @@
 
 use super::{FLAT_THICKNESS, fit, hull_mesh, mass, round};
 use cairn_geometry::HOLLOW;
-use cairn_geometry::interior::MeshInterior;
 use cairn_geometry::measure::outermost_points;
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::topology;
@@ -51,7 +50,14 @@ impl Size {
         };
         let closed = own > HOLLOW * bulk;
         let volume = if closed { own } else { bulk / 2.0 };
-        let enclosed = if closed { own } else { capped_volume(mesh).filter(|v| *v > HOLLOW * bulk).unwrap_or(volume) };
+        let capped = capped_volume(mesh, center);
+        let enclosed = if closed {
+            own
+        } else if capped > HOLLOW * bulk {
+            capped
+        } else {
+            volume
+        };
         let hull_volume = hull_volume(mesh, center, radius).clamp(volume.min(bulk), bulk);
         let round = round::rolling_radius(mesh, &around);
         // Parts that overlap have surfaces inside, which are no walls.
@@ -71,10 +77,10 @@ impl Size {
     }
 }
 
-/// What an open mesh encloses with its holes capped, such as a root with leaves.
-fn capped_volume(mesh: &TriMesh) -> Option<f64> {
-    let volume = MeshInterior::new(mesh).volume();
-    volume.is_finite().then_some(volume)
+/// What an open mesh encloses, such as a root with leaves, with its holes capped by cones to the middle.
+fn capped_volume(mesh: &TriMesh, center: DVec3) -> f64 {
+    let points = mesh.points.iter().map(|p| *p - center).collect();
+    TriMesh { points, triangles: mesh.triangles.clone() }.signed_volume().abs()
 }
 
 /// The geometry library works in single precision: it sees the unit ball.
