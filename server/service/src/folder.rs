@@ -1,6 +1,9 @@
 //! File names in a bake's folder. The server makes the folder, and the worker fills it.
 
 use cairn_export::Format;
+use cairn_wire::proto::Scene;
+use cairn_wire::scene_file::SceneTree;
+use std::path::Path;
 
 pub const SPEC: &str = "spec.binpb";
 /// Files named by their SHA-256.
@@ -9,6 +12,12 @@ pub const EVENTS: &str = "events.log";
 pub const REPORT: &str = "report.json";
 /// The scene with every parameter set.
 pub const SCENE: &str = "scene.json";
+
+/// Writes the scene with every parameter set. Whoever saves that the bake is accepted syncs the folder.
+pub fn write_scene(folder: &Path, effective: &Scene) -> std::io::Result<()> {
+    let scene = SceneTree::from_message(effective).to_json();
+    cairn_files::Staged::write(&folder.join(SCENE), scene.as_bytes())?.publish().map(drop)
+}
 
 /// The pile itself, of which results in further formats are made.
 pub const PILE: &str = "baked.postcard";

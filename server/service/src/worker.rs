@@ -2,7 +2,7 @@
 //! there, writes the result beside it, and reports to the server by messages on its standard output.
 
 use crate::event_log::{self, LogWriter};
-use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SCENE, SPEC, layout_name};
+use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SPEC, layout_name, write_scene};
 use crate::seal::{CHANGED, sealed, unsealed};
 use crate::status::DISK_FULL;
 use crate::worker_message::{Envelope, Invalid, ResultHead, WorkerMessage};
@@ -19,7 +19,6 @@ use cairn_job::{FinishedBake, Job, JobError, Refused};
 use cairn_wire::digest::hex;
 use cairn_wire::frame_delta::FrameDelta;
 use cairn_wire::proto::{self, bake_event::Kind};
-use cairn_wire::scene_file::SceneTree;
 use cairn_wire::to_proto;
 use prost::Message;
 use sha2::{Digest, Sha256};
@@ -107,9 +106,7 @@ pub fn plan(folder: &Path, with_estimates: bool) -> Result<(), WorkerError> {
     let estimates = if with_estimates { job.estimates().map_err(refused)? } else { Vec::new() };
     let plan = cairn_core::plan(&job.scene, &job.params).map_err(refused)?;
     if !with_estimates {
-        // The bake's server syncs the folder when it saves that the bake is accepted.
-        let scene = SceneTree::from_message(&job.effective).to_json();
-        cairn_files::Staged::write(&folder.join(SCENE), scene.as_bytes())?.publish()?;
+        write_scene(folder, &job.effective)?;
     }
     let most_bytes = job.most_bytes(&plan, Format::from_wire(spec.format()));
     let has_parameters_only = job.effective.encoded_len() > MAX_SCENE;

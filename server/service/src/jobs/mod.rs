@@ -13,6 +13,7 @@ mod result;
 mod submission;
 mod task;
 mod tidying;
+mod verdicts;
 mod withdrawal;
 
 use crate::access::{Access, Caller};
@@ -37,6 +38,7 @@ use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::warn;
+use verdicts::Verdicts;
 
 /// All bakes of a server.
 pub struct Bakes {
@@ -54,6 +56,7 @@ pub struct Bakes {
     plan_quota: Quota,
     /// Running plans: twice as many as running bakes, so that no caller can hold them all.
     planner_quota: Quota,
+    verdicts: Verdicts,
     /// What their processes may take.
     pub memory: Arc<MemoryBudget>,
     /// Cancelled when the server accepts no more bakes.
@@ -81,6 +84,7 @@ impl Bakes {
             scheduler: Scheduler::new(workers),
             plan_quota: Quota::new(places, places.div_ceil(2)),
             planner_quota: Quota::new(2 * workers, workers),
+            verdicts: Verdicts::default(),
             draining: CancellationToken::new(),
             ending: CancellationToken::new(),
             tasks: TaskTracker::new(),

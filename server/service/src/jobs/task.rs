@@ -5,7 +5,7 @@ use super::{Bakes, Entry, EntryState, bake_id, end_with, now};
 use crate::access::Caller;
 use crate::blocking::in_place;
 use crate::event_log::{Extent, LogWriter};
-use crate::folder::EVENTS;
+use crate::folder::{ASSETS, EVENTS, write_scene};
 use crate::metrics::METRICS;
 use crate::process::{Worker, WorkerTask};
 use crate::quotas::Permit;
@@ -13,7 +13,7 @@ use crate::status::Fault;
 use crate::worker_message::WorkerMessage;
 use cairn_files::failpoints;
 use cairn_wire::proto::bake_event::Kind;
-use cairn_wire::proto::{Accepted, BakeCaller, BakeSpec, BakeState, Summary};
+use cairn_wire::proto::{Accepted, AssetReference, BakeCaller, BakeSpec, BakeState, Summary};
 use cairn_wire::versions::versions;
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -148,7 +148,7 @@ impl Bakes {
         }
     }
 
-    /// Plans a new bake.
+    /// Plans a new bake, unless the same scene was planned with another seed.
     async fn accept(
         &self,
         id: &str,
@@ -157,9 +157,24 @@ impl Bakes {
         spec: &BakeSpec,
         slot: &mut Option<Worker>,
     ) -> Result<Accepted, Fault> {
-        let _planner = self.planner_quota.acquire(caller).await;
         in_place(|| self.store.prepare(id, spec, caller.project()))?;
-        self.plan_in(id, folder, caller.project(), slot).await
+        let mut is_new = false;
+        let plan = async {
+            is_new = true;
+            let _planner = self.planner_quota.acquire(caller).await;
+            self.plan_in(id, folder, caller.project(), slot).await
+        };
+        let is_there = |asset: &AssetReference| folder.join(ASSETS).join(&asset.sha256).is_file();
+        if !in_place(|| spec.assets.iter().all(is_there)) {
+            // Its worker says which.
+            return plan.await;
+        }
+        let mut accepted = self.verdicts.get_or_try_make(spec, caller.project(), plan).await?;
+        if !is_new && let Some(scene) = &accepted.effective_scene {
+            in_place(|| write_scene(folder, scene))?;
+        }
+        accepted.bake_id = id.to_owned();
+        Ok(accepted)
     }
 
     /// Plans a bake that an earlier server had accepted and whose events are gone or of another version. Fails if this
