@@ -92,6 +92,29 @@ async fn a_goal_chooses_the_preset() {
     assert_eq!(accepted_id(&same), accepted.bake_id);
 }
 
+/// Another seed of a scene is another bake, of which everything but the seed is as it was found before.
+#[tokio::test]
+async fn another_seed_of_a_scene_is_accepted_with_its_own_scene() {
+    let server = Server::start(&[]);
+    let mut connection = server.ready().await;
+    let mut plans = Vec::new();
+    for seed in [3, 4] {
+        let (answer, end) = events(connection.service.bake(request(short(seed))).await.unwrap().into_inner()).await;
+        end.unwrap();
+        let Some(Kind::Accepted(accepted)) = &answer[0].kind else { panic!("{answer:?}") };
+        let effective = accepted.effective_scene.as_ref().unwrap();
+        assert_eq!(effective.seed, Some(seed));
+        let saved = connection.download(&accepted.bake_id, Artifact::Scene).await.unwrap();
+        let saved: serde_json::Value = serde_json::from_slice(&saved).unwrap();
+        assert_eq!(saved["seed"], seed);
+        plans.push(accepted.plan.clone());
+    }
+    assert_eq!(plans[0], plans[1]);
+    // What is wrong is refused as before.
+    let status = connection.service.bake(request(short(-1))).await.unwrap_err();
+    assert_eq!(status.code(), Code::InvalidArgument, "{status}");
+}
+
 #[tokio::test]
 async fn a_bake_tells_its_events_in_order_and_leaves_its_result() {
     let server = Server::start(&[]);
