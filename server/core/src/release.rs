@@ -1,11 +1,14 @@
 //! Release: layer after layer begins to move, from the bottom to the top, while the control strengthens the pile
-//! (paper, 4.1, example 2).
+//! (paper, 4.1, example 2). A body that still waits when nothing carries it any more is released at once.
+
+mod carriers;
 
 use cairn_engine::world::{BodyId, Role, World};
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, Stage};
 use cairn_input::params::{Params, ReleaseOrder, Switch};
 use cairn_motion::step::Simulation;
+use carriers::Carriers;
 use glam::DVec3;
 use std::collections::BTreeMap;
 
@@ -31,10 +34,16 @@ pub fn run(
     if stands && params.control.until.is_none() && params.control.stand != Switch::On && sim.pile.control.is_on() {
         sim.pile.withdraw_control(LAG);
     }
+    let mut carriers = Carriers::find(&sim.pile.world);
     for layer in layers {
         sim.pile.counters.layers += 1;
+        let waits = |id: &BodyId| sim.pile.world.bodies()[*id].role == Role::Waiting;
+        let layer: Vec<BodyId> = layer.into_iter().filter(waits).collect();
         layer.into_iter().for_each(|id| sim.pile.release(id));
         for _ in 0..interval {
+            let lost = carriers.lost(&sim.pile.world);
+            sim.pile.counters.released_early += lost.len() as u64;
+            lost.into_iter().for_each(|id| sim.pile.release(id));
             sim.advance(observer, Stage::Release, |sim| sim.pile.step as f64 / total as f64)?;
         }
     }

@@ -1,7 +1,7 @@
 //! `hanging` of a report, against a check of its own: final poses and meshes alone, touching boxes by separating axes,
 //! chains by Warshall's closure. The product takes the engine's contacts and spreads from the ground upward.
 
-use super::common::{cone, scene, stick};
+use super::common::{block, cone, scene, stick};
 use cairn_core::bake;
 use cairn_engine::shape;
 use cairn_engine::world::{Insertion, Role, Units, World};
@@ -12,6 +12,7 @@ use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, GlueMode, Params};
 use cairn_input::scene::Scene;
 use cairn_prepare::check;
+use cairn_prepare::effects::Count;
 use glam::DVec3;
 
 /// What counts as carried, doubtful contacts left out or let in.
@@ -62,8 +63,8 @@ fn rests(a: &Cuboid, b: &Cuboid, by: Measure) -> bool {
     widest <= by.gap && gaps.iter().any(|(gap, axis)| *gap >= widest - by.tie && axis.y > by.rise)
 }
 
-/// How many of these boxes no chain joins to the ground at height 0.
-fn hanging(boxes: &[Cuboid], by: Measure) -> usize {
+/// Those of these boxes that no chain joins to the ground at height 0.
+fn hanging(boxes: &[Cuboid], by: Measure) -> Vec<usize> {
     let n = boxes.len();
     let is_down = |b: &Cuboid| b.centre.y - b.reach(DVec3::Y) <= by.gap;
     // leads[a][b]: some chain leads from a down to b.
@@ -77,7 +78,7 @@ fn hanging(boxes: &[Cuboid], by: Measure) -> usize {
             }
         }
     }
-    (0..n).filter(|&a| !(0..n).any(|b| leads[a][b] && is_down(&boxes[b]))).count()
+    (0..n).filter(|&a| !(0..n).any(|b| leads[a][b] && is_down(&boxes[b]))).collect()
 }
 
 /// The least and the most that may hang, by this check; `diameter`: d, m.
@@ -86,7 +87,7 @@ fn bounds(mesh: &TriMesh, poses: &[Pose], diameter: f64) -> (usize, usize) {
     let gap = CARRYING_GAP * diameter;
     let generous = Measure { gap: 1.15 * gap, rise: 0.0075, tie: gap };
     let strict = Measure { gap: 0.87 * gap, rise: 0.0135, tie: 0.0 };
-    (hanging(&boxes, generous), hanging(&boxes, strict))
+    (hanging(&boxes, generous).len(), hanging(&boxes, strict).len())
 }
 
 /// How many of these bodies hang by the product's word, all of them taken for resting.
@@ -160,4 +161,37 @@ fn what_hangs_is_what_another_way_finds() {
     assert!(20 * doubt <= bodies, "{doubt} of {bodies} in doubt");
     assert!(2 * exact >= found.len(), "without doubt: {exact} of {}", found.len());
     assert!(found.iter().filter(|(count, all)| (1..*all).contains(count)).count() >= 6, "{found:?}");
+}
+
+/// Towers and what stands on its tip come down. A body waits for its layer only while something carries it.
+#[test]
+fn no_body_waits_in_the_air() {
+    let mut tip = cone(0.5, 1.2);
+    tip.points.iter_mut().for_each(|p| p.y = 1.2 - p.y);
+    tip.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    let brick = block(DVec3::new(0.2, 0.06, 0.1));
+    for (name, control) in [("tower", block(DVec3::new(0.5, 1.6, 0.5))), ("tip", tip)] {
+        let scene = scene(control, brick.clone());
+        let mut params = Params::new(Accuracy::Preview);
+        params.glue.mode = GlueMode::Natural;
+        let bake = bake(&scene, &params, &mut Silent).unwrap();
+        assert!(bake.report.counts[&Count::ReleasedEarly] > 5, "{name}: {:?}", bake.report.counts);
+        assert_eq!(bake.report.measures["hanging_frames"], Some(0.0), "{name}");
+        // The same from frames and meshes alone.
+        let thickness = 0.06;
+        let wide = Measure { gap: 0.2 * thickness, rise: 0.005, tie: 0.1 * thickness };
+        let frames = &bake.pile.frames;
+        let hangs = |frame: usize| {
+            let boxes: Vec<Cuboid> = frames[frame].iter().map(|pose| Cuboid::new(&brick, pose)).collect();
+            let rests = |k: &usize| frames[frame][*k].translation.distance(frames[frame - 1][*k].translation) < 1e-5;
+            hanging(&boxes, wide).into_iter().filter(rests).collect::<Vec<_>>()
+        };
+        let mut before = Vec::new();
+        for frame in 1..frames.len() {
+            let now = hangs(frame);
+            let stay: Vec<&usize> = now.iter().filter(|k| before.contains(*k)).collect();
+            assert!(stay.is_empty(), "{name}, frame {frame}: bodies {stay:?} of {} stand in the air", frames[0].len());
+            before = now;
+        }
+    }
 }

@@ -14,6 +14,7 @@ mod events;
 mod frame_publisher;
 pub mod glue;
 pub mod guard;
+mod hanging;
 pub mod hold;
 pub mod instance;
 pub mod motion;

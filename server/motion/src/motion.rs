@@ -1,6 +1,7 @@
 //! Looks at the motion of a pile for what no one would believe: bodies in the air that do not fall as they should,
 //! bodies that fall although nothing touched them after they had stood, and energy out of nothing.
 
+use crate::hanging::Hanging;
 use cairn_engine::world::{BodyId, ClusterId, PairSide, REST_SPEED, Role, World};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,6 +20,8 @@ pub struct Motion {
     pub ballistic_error: f64,
     /// Bodies that stood for [`STANDING`] and then fell untouched.
     pub second_collapse: u64,
+    /// Bodies that stood still in the air.
+    pub hanging: Hanging,
     /// Velocities before the step. Shape `[body]`.
     before: Vec<Option<DVec3>>,
     /// Shape `[body]`.

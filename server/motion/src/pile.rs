@@ -20,6 +20,8 @@ pub use cairn_engine::world::REST_SPEED;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PileCounters {
     pub layers: u64,
+    /// Bodies released before their layer.
+    pub released_early: u64,
     pub bouncing_bodies: u64,
     pub bodies_emitted: u64,
     /// Awake bodies, summed over the steps.

@@ -238,7 +238,12 @@ impl<'a> Simulation<'a> {
 
     fn record(&mut self, observer: &mut dyn Observer, stage: Stage) {
         self.pile.step += 1;
-        self.pile.recorder.step(&self.pile.world);
+        let Pile { recorder, world, motion, .. } = &mut self.pile;
+        let before = recorder.count();
+        recorder.step(world);
+        if recorder.count() > before {
+            motion.hanging.look(world);
+        }
         self.show(observer, stage);
     }
 

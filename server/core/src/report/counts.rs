@@ -62,6 +62,7 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::PropsAsPrimitives, of_kind(ShapeKind::is_primitive)),
         (Count::PropsSplit, of_kind(|kind| kind == ShapeKind::Parts)),
         (Count::ReleaseLayers, pile_counters.layers),
+        (Count::ReleasedEarly, pile_counters.released_early),
         (Count::SceneryPieces, scene.statics.len() as u64),
         (Count::BodiesPlaced, scene.bodies.len() as u64),
         (Count::BodiesEmitted, pile_counters.bodies_emitted),

@@ -35,6 +35,7 @@ pub fn figures(inputs: &ReportInputs, pile: &Pile) -> NamedFigures {
     let motion = &pile.motion;
     figures.insert("ballistic_error_max", Some(motion.ballistic_error));
     figures.insert("second_collapse", Some(motion.second_collapse as f64));
+    figures.insert("hanging_frames", Some(motion.hanging.body_frames as f64));
     // Bodies that come in or leave, and scenery that moves, change the energy.
     let is_closed =
         !inputs.scene.something_hits() && inputs.scene.removals.is_empty() && inputs.scene.collapse.is_none();

@@ -64,6 +64,7 @@ pub enum Count {
     PropsSplit,
     RegionTests,
     ReleaseLayers,
+    ReleasedEarly,
     RemovedCutting,
     RemovedEscaped,
     RemovedOverlapping,

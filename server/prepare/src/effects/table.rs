@@ -78,7 +78,7 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         }
     })
     .seconds(|spent| spent.glue_proof),
-    row(StagedRelease, ByValue("release.order"), &[ReleaseLayers], |c| match c.params.release.order {
+    row(StagedRelease, ByValue("release.order"), &[ReleaseLayers, ReleasedEarly], |c| match c.params.release.order {
         _ if c.glues() => no(GLUED),
         ReleaseOrder::BottomUp => yes("layers are released from the bottom to the top"),
         ReleaseOrder::TopDown => yes("layers are released from the top to the bottom"),

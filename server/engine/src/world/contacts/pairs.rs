@@ -59,6 +59,15 @@ impl World {
         pairs
     }
 
+    /// Those of one body, in order of what it touches.
+    pub fn contact_pairs_of(&self, a: BodyId, tolerance: f64) -> Vec<ContactPair> {
+        let pair = |(side, other): (PairSide, ColliderHandle)| match side {
+            PairSide::Body(b) if b < a => self.pair(b, PairSide::Body(a), self.bodies[a].collider, tolerance),
+            _ => self.pair(a, side, other, tolerance),
+        };
+        self.near(a, tolerance).into_iter().filter_map(pair).collect()
+    }
+
     /// Bodies with a gap of at most `tolerance` times their thickness to the ground or to scenery that stands still, in
     /// order.
     pub fn static_contact_pairs(&self, tolerance: f64) -> Vec<ContactPair> {
