@@ -1,5 +1,7 @@
 //! Turning over: gravity points down again. Every body waits in place, on the ground or in the air.
 
+mod hovering;
+
 use cairn_engine::shape::{Shape, corners};
 use cairn_engine::world::{Units, World};
 use cairn_geometry::interior::DistanceGrid;
@@ -51,8 +53,29 @@ impl TurnOverInputs<'_, '_> {
 /// A body that has fallen this far below all of the scene, in d, can no longer hit anything.
 const FALL_DEPTH: f64 = 50.0;
 
-/// The pile right after turning over.
+/// The pile right after turning over. A glued one is without bodies that would hover.
 pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error> {
+    let sim = with_bodies(inputs)?;
+    if !inputs.resolved.is_on(EffectName::Glue) || inputs.bodies.is_empty() {
+        return Ok(sim);
+    }
+    let out = hovering::find(&sim.pile, inputs.bodies.len(), inputs);
+    if out.is_empty() {
+        return Ok(sim);
+    }
+    let left = inputs.bodies.iter().enumerate().filter(|(id, _)| out.binary_search(id).is_err());
+    let left: Vec<Instance> = left.map(|(_, body)| *body).collect();
+    let mut sim = with_bodies(&TurnOverInputs { bodies: &left, ..*inputs })?;
+    let (bodies, them) = if out.len() == 1 { ("body was", "it") } else { ("bodies were", "them") };
+    sim.pile.notes.push(format!(
+        "{} {bodies} left out, since no chain of meshes that touch led from {them} to what stands: smaller props reach \
+         further into thin parts",
+        out.len()
+    ));
+    Ok(sim)
+}
+
+fn with_bodies<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error> {
     let &TurnOverInputs { scene, params, resolved, units, bodies, ground, .. } = inputs;
     let world = world(inputs)?;
     let control = control(inputs, &world);

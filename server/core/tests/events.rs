@@ -218,6 +218,34 @@ fn a_blow_breaks_holds() {
     assert!((reached(&bake) - reached(&off)).abs() < 0.5, "{} and {}", reached(&bake), reached(&off));
 }
 
+/// A heap of bricks takes the momentum of a ball of four times a brick's mass, as the same heap does in MuJoCo and
+/// Bullet: bricks give way, and the ball keeps a part of its way and does not bounce back.
+#[test]
+fn a_heap_gives_way_to_a_ball() {
+    let mut scene = scene(cone(0.8, 0.7), block(DVec3::new(0.24, 0.071, 0.115)));
+    scene.props[0].density = 1900.0;
+    scene.props.push(prop("ball", super::common::disc(0.15, 0.3)));
+    let velocity = DVec3::new(8.0, 0.6, 0.0);
+    let ball = PlacedBody { velocity, start: 3.0, mass: Some(14.0), ..PlacedBody::new(1, at(-2.0, 0.35, 0.1)) };
+    scene.bodies.push(ball);
+    let mut params = Params::new(Accuracy::Draft);
+    params.glue.mode = GlueMode::Natural;
+    let bake = baked(&scene, &params);
+    let (frames, fps) = (&bake.pile.frames, bake.pile.fps);
+    let (before, last) = (3 * fps as usize - 1, frames.len() - 1);
+    let bricks = frames[before].len() - usize::from(frames[before].len() == frames[last].len());
+    let moved = (0..bricks).filter(|&k| frames[before][k].translation.distance(frames[last][k].translation) > 0.05);
+    let moved = moved.count();
+    assert!((3..bricks / 2).contains(&moved), "{moved} of {bricks} bricks moved");
+    let ball = |frame: usize| frames[frame][bricks].translation;
+    let speeds: Vec<f64> = (before + 2..last).map(|f| (ball(f + 1) - ball(f)).length() * fps).collect();
+    let hit = speeds.iter().position(|speed| *speed < 6.0).unwrap();
+    let after = speeds[hit + 2];
+    assert!((0.5..4.0).contains(&after), "{after} m/s after the hit: {speeds:?}");
+    let back = (before + 2..last).map(|f| (ball(f + 1) - ball(f)).x * fps).fold(f64::INFINITY, f64::min);
+    assert!(back > -2.5, "it comes back with {back} m/s");
+}
+
 /// A plank that juts out from a kept block, with a weight on its tail that is too light to hold it.
 fn plank() -> Scene {
     let mut scene = bricks(vec![
