@@ -9,8 +9,9 @@ from .panels import Pile
 
 # Figures of the report, by their names there: what the panel calls them, and how they are shown.
 FIGURES = [
+    # With the shape as it was drawn, in its place: kept is only what the release left of the match before it.
+    ("shape_iou", "Match with the Shape", "{:.1%}"),
     ("kept_shape", "Kept Shape", "{:.1%}"),
-    ("shape_iou", "Shape Overlap", "{:.1%}"),
     ("at_rest_fraction", "At Rest", "{:.1%}"),
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Of the meshes, where bodies meet: 95 of 100 are smaller.

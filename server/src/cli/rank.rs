@@ -24,7 +24,7 @@ pub struct Args {
     folder: PathBuf,
 
     /// Figure to sort by, largest first, or smallest first with :least; repeat it to break ties [default: the first
-    /// available one of kept_shape, shape_iou and seed]
+    /// available one of shape_iou, kept_shape and seed]
     #[arg(long, value_name = "FIGURE[:least]")]
     by: Vec<SortKey>,
 
@@ -70,7 +70,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     // Not every scene has the first ones.
     let usual =
-        ["kept_shape", "shape_iou", "seed"].map(|figure| SortKey { figure: figure.into(), least: figure == "seed" });
+        ["shape_iou", "kept_shape", "seed"].map(|figure| SortKey { figure: figure.into(), least: figure == "seed" });
     let is_known = |key: &SortKey| candidates.iter().any(|one| one.figures.contains_key(&key.figure));
     let keys = match &args.by[..] {
         [] => usual.into_iter().find(is_known).into_iter().collect(),

@@ -35,9 +35,12 @@ fn lines(
         let filled = if counted("core_triangles") > 0 { "the shell's volume" } else { "the control mesh's volume" };
         lines[0] += &format!(", {} of {filled}", percent(fill));
     }
-    if let (Some(start), Some(kept)) = (measure("shape_iou_start"), measure("kept_shape")) {
+    if let (Some(end), Some(start), Some(kept)) =
+        (measure("shape_iou"), measure("shape_iou_start"), measure("kept_shape"))
+    {
         lines.push(format!(
-            "shape: {} match with the control mesh after turning over, {} of it kept",
+            "shape: {} match with the control mesh as it was drawn; {} after turning over, {} of it kept",
+            percent(end),
             percent(start),
             percent(kept)
         ));

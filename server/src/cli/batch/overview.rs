@@ -134,6 +134,7 @@ pub fn json(rows: &[(&Variant, VariantOutcome)]) -> Value {
             "state": state,
             "error": error,
             "bodies": report.as_ref().and_then(|report| report.bodies),
+            "shape_iou": report.as_ref().and_then(|report| *report.measures.get("shape_iou")?),
             "kept_shape": report.as_ref().and_then(|report| *report.measures.get("kept_shape")?),
             "cpu_seconds": report.as_ref().and_then(|report| report.cpu_seconds),
         })
@@ -158,11 +159,12 @@ pub fn table(rows: &[(&Variant, VariantOutcome)]) -> String {
             variant.output.display().to_string(),
             state,
             figure(|report| report.bodies, 0),
+            figure(|report| *report.measures.get("shape_iou")?, 3),
             figure(|report| *report.measures.get("kept_shape")?, 3),
             figure(|report| report.cpu_seconds, 1),
         ]
     };
-    let header = ["result", "", "bodies", "kept shape", "CPU s"].map(str::to_owned).into();
+    let header = ["result", "", "bodies", "match", "kept shape", "CPU s"].map(str::to_owned).into();
     let mut text = cli::table(header, rows.iter().map(row));
     let count = |is: fn(&VariantOutcome) -> bool| rows.iter().filter(|(_, outcome)| is(outcome)).count();
     let counts = [
