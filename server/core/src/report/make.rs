@@ -1,7 +1,7 @@
 //! Measures the pile, and gathers the warnings.
 
 use super::inputs::{NamedFigures, PhysicsAlone, ReportInputs};
-use super::{Name, Report, contacts, counts, entrance, glue, motion, shape, tidiness, visible, warnings};
+use super::{Name, Report, contacts, counts, entrance, glue, limits, motion, shape, tidiness, visible, warnings};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::thickness::Part;
 use cairn_input::error::Error;
@@ -115,6 +115,7 @@ pub fn report(
     measures.extend(alone.figures);
     own.free_standing = alone.seconds;
     notes.extend(warnings::end(sim, inputs.held, &measures));
+    notes.extend(limits::warnings(&measures));
     notes.extend(warnings::cuts(inputs, sim));
     notes.extend(separation.and_then(warnings::separation));
     notes.extend(inputs.entrance.map(|found| entrance::warnings(&found.figures, &params.entrance)).unwrap_or_default());

@@ -8,6 +8,7 @@ mod counts;
 mod entrance;
 mod glue;
 pub mod inputs;
+mod limits;
 pub mod make;
 mod motion;
 mod shape;
