@@ -1,4 +1,5 @@
-//! A bake in the service: planned, baked, watched, listed, downloaded, deleted.
+//! A bake in the service: planned, baked, watched, listed, downloaded, deleted. Long: a test for each of these, and for
+//! what a plan shares with its bake.
 
 use crate::service::server::{
     Server, accepted_id, assert_contiguous, assert_fault, content, events, fields, numbered, poses, request, sha256,

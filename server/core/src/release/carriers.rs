@@ -50,8 +50,8 @@ impl Carriers {
         }
     }
 
-    /// Bodies that wait and that no chain of contacts from below joins to what stands or to a body that was released and
-    /// is slow, ascending. They are to be released.
+    /// Bodies that wait and that no chain of contacts from below joins to what stands or to a slow body that was
+    /// released, ascending. They are to be released.
     pub fn lost(&mut self, world: &World) -> Vec<BodyId> {
         self.contacts.retain(|&id, _| waits(world, id));
         let has_moved = |id: BodyId, seen: &Pose| {

@@ -31,8 +31,8 @@ const LIMITS: [(&str, Limit, Shown, &str); 11] = [
         "kept_shape",
         Below(0.7),
         percent,
-        "the pile has slumped: {} of its shape is kept; glue keeps any shape (glue.mode), more friction or a wider foot \
-         keep more of it",
+        "the pile has slumped: {} of its shape is kept; glue keeps any shape (glue.mode), more friction or a wider \
+         foot keep more of it",
     ),
     (
         "protrusion_rel",
@@ -209,8 +209,7 @@ mod tests {
     /// The guide's rows state these limits, and every other figure there has another warning or a reason.
     #[test]
     fn the_guide_states_each_limit() {
-        let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/guide/measures.md");
-        let page = std::fs::read_to_string(page).unwrap();
+        let page = include_str!("../../../../examples/guide/measures.md");
         let mut missing = Vec::new();
         for row in page.lines().take_while(|line| !line.starts_with("| count ")).filter(|line| line.starts_with("| `"))
         {
