@@ -3,15 +3,8 @@
 use crate::Library;
 use crate::line::{inertia, significant};
 use cairn_engine::shape::{OrientedBox, Shape, Solid};
-use cairn_export::{ConvexCover, CoverLimits};
-use cairn_input::scene::StaticModel;
 use glam::DVec3;
 use serde_json::{Value, json};
-
-/// Thickness of the plates that a place's walls become, in the median prop's diameter.
-const PLATE: f64 = 0.05;
-/// Solids of a place at most.
-const MOST_SOLIDS: usize = 4000;
 
 /// The file beside the lines.
 pub fn assets(library: &Library) -> Value {
@@ -43,7 +36,7 @@ pub fn assets(library: &Library) -> Value {
             "node": node,
             "license": entry.license,
             "friction": model.friction,
-            "solids": cover(model, PLATE * library.units.length),
+            "solids": library.places[i].cover.solids.iter().map(|points| hull(points.iter().copied())).collect::<Value>(),
         })
     });
     json!({
@@ -61,10 +54,11 @@ fn hull(points: impl Iterator<Item = DVec3>) -> Value {
     json!({ "kind": "hull", "points": points.map(|p| p.to_array().map(significant)).collect::<Vec<_>>() })
 }
 
-/// The collision shape of a prop in its own frame, without the skin in which the engine lets bodies overlap.
+/// The collision shape of a prop in its own frame: the very one that came to rest. Of another, a can would lie on other
+/// facets, and roll.
 fn solids(shape: &Shape) -> Vec<Value> {
     let own = |p: DVec3| (p + shape.center).to_array().map(significant);
-    match &shape.bare {
+    match &shape.solid {
         &Solid::Box(OrientedBox { center, rotation, half }) => vec![json!({
             "kind": "box",
             "center": own(center),
@@ -76,11 +70,4 @@ fn solids(shape: &Shape) -> Vec<Value> {
         }
         Solid::Convex(parts) => parts.iter().map(|part| hull(part.iter().map(|&p| p + shape.center))).collect(),
     }
-}
-
-/// A place as convex solids.
-fn cover(model: &StaticModel, thickness: f64) -> Vec<Value> {
-    let limits = CoverLimits { bounds: model.model.mesh.bounds(), thickness, most: MOST_SOLIDS };
-    let cover = ConvexCover::new(&model.model.mesh, &limits);
-    cover.solids.into_iter().map(|points| hull(points.into_iter())).collect()
 }

@@ -2,9 +2,10 @@
 
 use crate::catalogue::{Catalogue, PlaceEntry, PropEntry, Span};
 use crate::surfaces::Surfaces;
-use cairn_engine::shape::{self, Shape};
+use cairn_engine::shape::{self, Shape, hull_mesh};
 use cairn_engine::units::Units;
 use cairn_engine::world::{WallId, World};
+use cairn_export::{ConvexCover, CoverLimits};
 use cairn_files::Disk;
 use cairn_files::problem::Problem;
 use cairn_input::asset::Limits;
@@ -16,8 +17,15 @@ use cairn_prepare::effects::Resolved;
 use cairn_prepare::{check, inside};
 use cairn_wire::proto;
 use cairn_wire::scene_file::SceneTree;
+use glam::DVec3;
 use std::path::Path;
 use std::sync::Arc;
+
+/// Thickness of the plates that the walls of a place become that is not made of convex solids, in the median prop's
+/// diameter.
+const PLATE: f64 = 0.05;
+/// Solids of a place at most.
+const MOST_SOLIDS: usize = 4000;
 
 /// A place, prepared.
 pub struct Place {
@@ -32,7 +40,9 @@ pub struct Place {
     /// Its scenery without bodies: each layout begins with a copy.
     pub world: World,
     /// Its scenery in that world.
-    pub wall: WallId,
+    pub walls: Vec<WallId>,
+    /// The same as convex solids, for other engines.
+    pub cover: ConvexCover,
 }
 
 /// A catalogue with all that its layouts need.
@@ -41,14 +51,14 @@ pub struct Library {
     pub job: Job,
     /// One per prop, as the engine has it.
     pub shapes: Vec<Shape>,
-    /// Thickness of the skin around each shape, in which the engine lets bodies overlap, m.
-    pub skins: Vec<f64>,
     pub labels: Vec<String>,
     pub places: Vec<Place>,
     pub units: Units,
     pub params: Params,
     /// As far as the masses and sizes of the props ask for it.
     pub physics: Physics,
+    /// Smallest thickness of a prop, in units of length.
+    pub thickness: f64,
     /// Of the catalogue's values, its files' bytes and the version, in hexadecimal digits.
     pub hash: String,
 }
@@ -66,6 +76,7 @@ impl Library {
         let mut params = job.params.clone();
         // As in all common engines: what rests by them alone rests nowhere else.
         params.physics.friction_model = FrictionModel::Coulomb;
+        params.physics.rolling_resistance = 0.0;
         let notes = || job.notes.clone();
         let core = |error: cairn_core::Error| match error {
             cairn_core::Error::Invalid(problems) => Refused {
@@ -76,11 +87,11 @@ impl Library {
         };
         let checked = check::run(&job.scene, &params).map_err(|found| core(cairn_core::Error::Invalid(found)))?;
         let shapes = shape::run(&job.scene, &params, &checked.sizes, &mut Silent).map_err(core)?;
-        let skins = shapes.iter().zip(&job.scene.props).map(|(shape, prop)| shape.bared(&prop.model.mesh).skin).collect();
         let summaries: Vec<_> = shapes.iter().map(Shape::summary).collect();
         let resolved = Resolved::new(&job.scene, &params, &checked, &summaries);
         let units = Units::new(checked.diameter, middle_mass(&job.scene.props, &shapes), params.gravity);
-        let (physics, labels) = (resolved.physics.clone(), catalogue.props.iter().map(PropEntry::label).collect());
+        let (physics, thickness) = (resolved.physics.clone(), resolved.thickness);
+        let labels = catalogue.props.iter().map(PropEntry::label).collect();
         let clearance = check::least_extents(&job.scene, &checked.sizes).x;
         let mut problems = Vec::new();
         let mut places = Vec::new();
@@ -94,7 +105,7 @@ impl Library {
             return Err(Refused { problems, notes: notes() });
         }
         let hash = hash(&catalogue, &job);
-        Ok(Library { catalogue, job, shapes, skins, labels, places, units, params, physics, hash })
+        Ok(Library { catalogue, job, shapes, labels, places, units, params, physics, thickness, hash })
     }
 
     /// What is not as in the files, one sentence each.
@@ -191,7 +202,17 @@ fn place(
     let units = units.about((low + high) / 2.0);
     let mut world = World::new(units, &resolved.physics, resolved.thickness, resolved.compounds);
     world.watch_bobbing();
-    let wall = world.add_piece(&units.mesh_to_engine(&model.model.mesh), model.friction).map_err(|what| {
+    let limits = CoverLimits { bounds: (low, high), thickness: PLATE * units.length, most: MOST_SOLIDS };
+    let cover = ConvexCover::new(&model.model.mesh, &limits);
+    let walls = match cover.plates + cover.left_out {
+        // A solid pushes out what a surface lets through: thin props fall into the boards that they lie on.
+        0 => {
+            let solid = |points: &Vec<DVec3>| world.add_core(&hull_mesh(points), true, model.friction);
+            cover.solids.iter().map(solid).collect::<Result<_, String>>()
+        }
+        _ => world.add_piece(&units.mesh_to_engine(&model.model.mesh), model.friction).map(|wall| vec![wall]),
+    };
+    let walls = walls.map_err(|what| {
         Problem::new(&model.model.name, what, "Export the model again, with triangles that have an area.")
     })?;
     let PlaceEntry { weight, count, level, .. } = entry;
@@ -203,7 +224,8 @@ fn place(
         surfaces,
         volume,
         world,
-        wall,
+        walls,
+        cover,
     })
 }
 

@@ -3,8 +3,8 @@
 use crate::arrange::{Start, arrange};
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::{Drawn, draw, numbers};
-use crate::settle::{MOST_DRIFT, Rejection, Settled, drift, settle};
-use crate::{Library, settle};
+use crate::Library;
+use crate::settle::{MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, settle};
 use cairn_analysis::{AnalysisOptions, forecast};
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
@@ -167,7 +167,7 @@ fn attempt_at(
     }
     if let Some(judge) = judge {
         let moved = judge(&line)?;
-        if moved > settle::MOST_DRIFT {
+        if moved > MOST_ELSEWHERE {
             return Ok(Err((drawn, Rejection::DriftInMujoco)));
         }
         line.proof.drift_mujoco = Some(round(moved));

@@ -38,6 +38,8 @@ pub struct Surfaces {
     pub cells: Vec<Vec<usize>>,
     /// Lowest and highest corner of the place, m.
     pub bounds: (DVec3, DVec3),
+    /// `None`: no room is near it.
+    around: Option<Surroundings>,
 }
 
 impl Surfaces {
@@ -60,7 +62,7 @@ impl Surfaces {
             gaps.into_iter().filter(is_free).map(|gap| Stretch { low: gap.low, high: gap.high, surface: 0 }).collect()
         };
         let lines = (0..size[0] * size[1]).into_par_iter().map(gaps).collect();
-        let mut surfaces = Surfaces { origin: [low.x, low.z], cell, size, lines, cells: Vec::new(), bounds: (low, high) };
+        let mut surfaces = Surfaces { origin: [low.x, low.z], cell, size, lines, cells: Vec::new(), bounds: (low, high), around };
         surfaces.join();
         surfaces
     }
@@ -154,6 +156,11 @@ impl Surfaces {
             }
         }
         Some(room)
+    }
+
+    /// Whether the place is between two points, or the first is in it.
+    pub fn is_between(&self, from: DVec3, to: DVec3) -> bool {
+        self.around.as_ref().is_some_and(|around| around.between(from, to).is_some() || around.is_solid_at(from))
     }
 
     /// Whether a point is above a surface and below what is over it.

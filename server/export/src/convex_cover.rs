@@ -28,6 +28,8 @@ pub struct CoverLimits {
 /// Convex solids, each the hull of its points.
 pub struct ConvexCover {
     pub solids: Vec<Vec<DVec3>>,
+    /// How many of them are plates; the last ones.
+    pub plates: usize,
     /// Triangles that none of them has.
     pub left_out: usize,
 }
@@ -64,8 +66,9 @@ impl ConvexCover {
         plates.sort_by(|a, b| a.0.total_cmp(&b.0));
         let room = limits.most.saturating_sub(solids.len());
         left_out += plates.len().saturating_sub(room);
+        let count = plates.len().min(room);
         solids.extend(plates.into_iter().take(room).map(|(_, points)| points));
-        ConvexCover { solids, left_out }
+        ConvexCover { solids, plates: count, left_out }
     }
 }
 
