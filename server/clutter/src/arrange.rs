@@ -29,6 +29,9 @@ const ASIDE: f64 = 0.06;
 /// Gap above what a body begins on, in the median prop's diameter: rounding must not make bodies overlap.
 const GAP: f64 = 0.01;
 
+/// Distance of bodies from an edge without a wall, in the median prop's diameter: what falls rolls and slides a little.
+const FROM_EDGE: f64 = 0.2;
+
 /// Where a body begins: from its own frame, with its origin in the center of mass, to the place's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
@@ -51,6 +54,7 @@ struct Taken {
 pub fn arrange(library: &Library, drawn: &Drawn, rng: &mut Pcg64Mcg) -> Vec<Start> {
     let surfaces = &library.places[drawn.place].surfaces;
     let gap = GAP * library.units.length;
+    let aside = if surfaces.has_walls { 0.0 } else { FROM_EDGE * library.units.length };
     let mut taken: Vec<Taken> = Vec::new();
     let mut starts = Vec::new();
     for (number, &(prop, scale)) in drawn.bodies.iter().enumerate() {
@@ -64,7 +68,8 @@ pub fn arrange(library: &Library, drawn: &Drawn, rng: &mut Pcg64Mcg) -> Vec<Star
         for draw in 0..DRAWS {
             let (surface, [x, z]) = spot(surfaces, drawn.arrangement, &taken, around, draw, rng);
             let (low, high) = ([x + around.0.x, z + around.0.z], [x + around.1.x, z + around.1.z]);
-            let Some((floor, ceiling)) = surfaces.room(surface, low, high) else { continue };
+            let outer = (low.map(|edge| edge - aside), high.map(|edge| edge + aside));
+            let Some((floor, ceiling)) = surfaces.room(surface, outer.0, outer.1) else { continue };
             let below = taken.iter().filter(|other| other.surface == surface && other.is_under(low, high));
             let bottom = below.map(|other| other.high.y).fold(floor, f64::max) + gap;
             if bottom + around.1.y - around.0.y > ceiling {

@@ -12,6 +12,9 @@ const PACKING: f64 = 0.4;
 /// Bodies of a layout where the catalogue does not say.
 const USUAL_COUNT: [f64; 2] = [10.0, 20.0];
 
+/// On a place without walls, so many times more bodies begin than are to stay, up to the most: some leave it.
+const LEAVING: f64 = 1.2;
+
 /// What a layout is made of.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drawn {
@@ -35,14 +38,16 @@ pub fn numbers(seed: u64, number: u64, attempt: u32) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(u64::from_le_bytes(*first))
 }
 
-/// Draws what an attempt at a layout is made of.
-pub fn draw(library: &Library, rng: &mut Pcg64Mcg) -> Drawn {
+/// Draws what an attempt at a layout is made of. Place, arrangement and number of bodies are those of the first attempt:
+/// else hard ones would be rare.
+pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
     let settings = &library.catalogue.settings;
-    let place = by_weight(library.places.iter().map(|place| place.weight), rng);
+    let mut first = numbers(library.catalogue.seed(), number, u32::MAX);
+    let place = by_weight(library.places.iter().map(|place| place.weight), &mut first);
     let arrangements = settings.arrangement.as_ref().map_or(vec![Arrangement::Scattered], |all| all.all());
-    let arrangement = arrangements[rng.random_range(0..arrangements.len())];
+    let arrangement = arrangements[first.random_range(0..arrangements.len())];
     let poses = settings.pose.as_ref().map_or(vec![StartPose::Any], |all| all.all());
-    let pose = poses[rng.random_range(0..poses.len())];
+    let pose = poses[first.random_range(0..poses.len())];
     let props = &library.scene().props;
     let mut bodies = Vec::new();
     let next = |rng: &mut Pcg64Mcg| {
@@ -53,7 +58,7 @@ pub fn draw(library: &Library, rng: &mut Pcg64Mcg) -> Drawn {
     match (found.level, found.volume) {
         (Some(level), Some(volume)) => {
             let [least, most] = level.ends();
-            let share = least + rng.random::<f64>() * (most - least);
+            let share = least + first.random::<f64>() * (most - least);
             let wanted = PACKING * share * volume;
             let mut filled = 0.0;
             while bodies.len() < MOST_BODIES as usize {
@@ -67,8 +72,9 @@ pub fn draw(library: &Library, rng: &mut Pcg64Mcg) -> Drawn {
         }
         _ => {
             let [least, most] = found.count.or(settings.count).map_or(USUAL_COUNT, |count| count.ends());
-            let count = rng.random_range(least as usize..=most as usize);
-            bodies.extend((0..count).map(|_| next(rng)));
+            let count = first.random_range(least as usize..=most as usize);
+            let more = if found.surfaces.has_walls { count } else { (LEAVING * count as f64).ceil() as usize };
+            bodies.extend((0..more.min(most as usize)).map(|_| next(rng)));
         }
     }
     let target = settings.target.as_ref().map(|target| {

@@ -27,9 +27,11 @@ pub mod catalogue;
 pub mod draw;
 mod library;
 pub mod line;
+mod model;
 pub mod settle;
 mod surfaces;
 
 pub use catalogue::Catalogue;
 pub use library::Library;
 pub use line::Line;
+pub use model::model;

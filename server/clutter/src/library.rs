@@ -76,7 +76,6 @@ impl Library {
         let mut params = job.params.clone();
         // As in all common engines: what rests by them alone rests nowhere else.
         params.physics.friction_model = FrictionModel::Coulomb;
-        params.physics.rolling_resistance = 0.0;
         let notes = || job.notes.clone();
         let core = |error: cairn_core::Error| match error {
             cairn_core::Error::Invalid(problems) => Refused {

@@ -131,7 +131,7 @@ fn empty(library: &Library, number: u64, drawn: &Drawn, failed: String) -> Line 
 
 /// The line of a layout whose process ended, or took too long.
 pub fn lost(library: &Library, number: u64, why: &str) -> Line {
-    let drawn = draw(library, &mut numbers(library.catalogue.seed(), number, 0));
+    let drawn = draw(library, number, &mut numbers(library.catalogue.seed(), number, 0));
     empty(library, number, &drawn, why.to_owned())
 }
 
@@ -145,7 +145,7 @@ fn attempt_at(
     judge: &mut Option<Judge>,
 ) -> Result<Attempt, String> {
     let mut rng = numbers(library.catalogue.seed(), number, attempt);
-    let drawn = draw(library, &mut rng);
+    let drawn = draw(library, number, &mut rng);
     let starts = arrange(library, &drawn, &mut rng);
     if !is_enough(library, &drawn, &starts) {
         return Ok(Err((drawn, Rejection::NoRoom)));
@@ -154,11 +154,14 @@ fn attempt_at(
         Ok(settled) => settled,
         Err(why) => return Ok(Err((drawn, why))),
     };
+    if !is_enough(library, &drawn, &settled.starts) {
+        return Ok(Err((drawn, Rejection::NotContained)));
+    }
     let drift = gates.any.then(|| drift(library, &settled));
     if drift.is_some_and(|drift| drift > MOST_DRIFT) {
         return Ok(Err((drawn, Rejection::Drift)));
     }
-    let mut line = line(library, number, &drawn, &starts, &settled, gates)?;
+    let mut line = line(library, number, &drawn, &settled, gates)?;
     line.proof.drift = drift.map(round);
     if let (Some(target), Some(body)) = (&library.catalogue.settings.target, line.target)
         && target.covered_by.is_some_and(|span| !span.holds(line.bodies[body].carries.len() as f64))
@@ -180,7 +183,7 @@ fn is_enough(library: &Library, drawn: &Drawn, starts: &[Start]) -> bool {
     let place = &library.places[drawn.place];
     let has_target = drawn.target.is_none_or(|target| starts.iter().any(|start| start.drawn == target));
     let least = match place.level {
-        Some(_) => drawn.bodies.len(),
+        Some(_) => 1,
         None => {
             place.count.or(library.catalogue.settings.count).map_or(drawn.bodies.len(), |span| span.ends()[0] as usize)
         }
@@ -192,11 +195,10 @@ fn line(
     library: &Library,
     number: u64,
     drawn: &Drawn,
-    starts: &[Start],
     settled: &Settled,
     gates: Gates,
 ) -> Result<Line, String> {
-    let world = &settled.world;
+    let (world, starts) = (&settled.world, &settled.starts);
     let index = |id: usize| settled.ids.binary_search(&id).ok();
     let asked: &[usize] = if gates.removals { &settled.ids } else { &[] };
     let found = forecast(world, &AnalysisOptions::default(), asked, false, &mut Silent).map_err(|e| e.to_string())?;

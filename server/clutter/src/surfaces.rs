@@ -19,6 +19,9 @@ const LEAST_SHARE: f64 = 0.2;
 /// A center of mass may be below its floor by this many lines: a floor of a grid is as exact as its slope.
 const BELOW: f64 = 1.0;
 
+/// A place has walls if more than this share of the edges of its surfaces has one.
+const WALLED: f64 = 0.9;
+
 /// A gap above a floor.
 #[derive(Clone, Copy, Debug)]
 struct Stretch {
@@ -38,6 +41,10 @@ pub struct Surfaces {
     pub cells: Vec<Vec<usize>>,
     /// Lowest and highest corner of the place, m.
     pub bounds: (DVec3, DVec3),
+    /// Height of the lowest floor, m: a body below it has left the place.
+    pub lowest: f64,
+    /// Whether walls keep bodies in nearly all around.
+    pub has_walls: bool,
     /// `None`: no room is near it.
     around: Option<Surroundings>,
 }
@@ -62,8 +69,11 @@ impl Surfaces {
             gaps.into_iter().filter(is_free).map(|gap| Stretch { low: gap.low, high: gap.high, surface: 0 }).collect()
         };
         let lines = (0..size[0] * size[1]).into_par_iter().map(gaps).collect();
-        let mut surfaces = Surfaces { origin: [low.x, low.z], cell, size, lines, cells: Vec::new(), bounds: (low, high), around };
+        let mut surfaces = Surfaces { origin: [low.x, low.z], cell, size, lines, cells: Vec::new(), bounds: (low, high), lowest: low.y, has_walls: false, around };
         surfaces.join();
+        surfaces.has_walls = surfaces.walled() > WALLED;
+        let floors = surfaces.lines.iter().flatten().map(|stretch| stretch.low);
+        surfaces.lowest = floors.fold(f64::INFINITY, f64::min);
         surfaces
     }
 
@@ -112,6 +122,32 @@ impl Surfaces {
             }
             self.lines[i] = kept;
         }
+    }
+
+    /// Share of the edges of the surfaces beyond which there is something higher.
+    fn walled(&self) -> f64 {
+        let (mut edges, mut walls) = (0, 0);
+        for (surface, cells) in self.cells.iter().enumerate() {
+            for &line in cells {
+                let own = self.lines[line].iter().find(|stretch| stretch.surface == surface).map_or(0.0, |own| own.low);
+                let [x, z] = [(line % self.size[0]) as i64, (line / self.size[0]) as i64];
+                for [dx, dz] in [[1, 0], [-1, 0], [0, 1], [0, -1]] {
+                    let [x, z] = [x + dx, z + dz];
+                    let is_inside = (0..self.size[0] as i64).contains(&x) && (0..self.size[1] as i64).contains(&z);
+                    let other = if is_inside { &self.lines[(z as usize) * self.size[0] + x as usize][..] } else { &[] };
+                    if other.iter().any(|stretch| stretch.surface == surface) {
+                        continue;
+                    }
+                    edges += 1;
+                    let (corner, edge) = self.corner(line);
+                    let [x, z] = [corner[0] + edge * (0.5 + dx as f64), corner[1] + edge * (0.5 + dz as f64)];
+                    let above = own + 2.0 * edge;
+                    let from = DVec3::new(corner[0] + edge / 2.0, above, corner[1] + edge / 2.0);
+                    walls += i32::from(self.is_between(from, DVec3::new(x, above, z)));
+                }
+            }
+        }
+        f64::from(walls) / f64::from(edges.max(1))
     }
 
     /// Whether there is none.
@@ -202,6 +238,7 @@ mod tests {
         let room = surfaces.room(1, [0.3, 0.1], [0.5, 0.2]).unwrap();
         assert!((room.0 - 0.52).abs() < 1e-6 && (room.1 - 0.9).abs() < 1e-6, "{room:?}");
         assert!(surfaces.room(1, [-0.1, 0.1], [0.5, 0.2]).is_none(), "beyond the board");
+        assert!(!surfaces.has_walls);
         assert!(surfaces.contains(DVec3::new(0.5, 0.6, 0.1)) && !surfaces.contains(DVec3::new(0.5, 0.05, 0.1)));
         assert!((surfaces.area(0) - 0.29).abs() < 0.02, "{}", surfaces.area(0));
     }
@@ -217,6 +254,7 @@ mod tests {
         ];
         let surfaces = Surfaces::new(&place(&walls), 0.01);
         assert_eq!(surfaces.cells.len(), 1);
+        assert!(surfaces.has_walls);
         let middle = surfaces.middle(0);
         assert!(middle.iter().all(|m| (m - 0.2).abs() < 0.01), "{middle:?}");
         assert!(surfaces.room(0, [0.0, 0.1], [0.1, 0.2]).is_none(), "a wall is there");

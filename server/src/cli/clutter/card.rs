@@ -1,8 +1,9 @@
 //! The data card of a folder of layouts, and its contact sheet.
 
 use super::Args;
-use super::lines_file::LinesFile;
+use super::lines_file::{LinesFile, Spent};
 use crate::cli::Failure;
+use crate::sheet::{self, Candidate};
 use cairn_clutter::line::name_of;
 use cairn_clutter::{Library, Line};
 use std::collections::BTreeMap;
@@ -88,10 +89,60 @@ fn share_below(values: &[f64], share: f64) -> f64 {
 }
 
 /// Writes `README.md` and the contact sheet.
-pub fn write(args: &Args, library: &Library, lines: &Path, file: &LinesFile, counts: &Counts) -> std::result::Result<(), Failure> {
+pub fn write(
+    args: &Args,
+    library: &Library,
+    lines: &Path,
+    file: &LinesFile,
+    counts: &Counts,
+) -> std::result::Result<(), Failure> {
     let text = card(args, library, lines, file, counts);
     let path = args.output.join("README.md");
-    cairn_files::write_atomically(&path, text.as_bytes()).map_err(|error| Failure::write(&path, &error))
+    cairn_files::write_atomically(&path, text.as_bytes()).map_err(|error| Failure::write(&path, &error))?;
+    if args.sheet > 0 && counts.layouts > 0 { contact_sheet(args, library, lines, counts) } else { Ok(()) }
+}
+
+/// Pictures are taken from so many degrees above the horizon, to look into bins.
+const ELEVATION: f64 = 62.0;
+
+/// A picture of some of the layouts, evenly from all.
+fn contact_sheet(args: &Args, library: &Library, lines: &Path, counts: &Counts) -> std::result::Result<(), Failure> {
+    let wanted = args.sheet.min(counts.layouts);
+    let path = args.output.join("layouts.jpg");
+    let fault = |error: &dyn std::fmt::Display| Failure::Internal(format!("the contact sheet: {error}"));
+    let file = File::open(lines).map_err(|error| Failure::write(lines, &error))?;
+    let (mut entries, mut seen) = (Vec::new(), 0);
+    for text in BufReader::new(file).lines().map_while(Result::ok) {
+        let Ok(line) = serde_json::from_str::<Line>(&text) else { continue };
+        if line.failed.is_some() {
+            continue;
+        }
+        seen += 1;
+        // The last of each of as many parts as are wanted.
+        if seen * wanted / counts.layouts == (seen - 1) * wanted / counts.layouts {
+            continue;
+        }
+        let millimeters = |drift: Option<f64>| drift.map(|drift| 1e3 * drift);
+        let figures = [
+            ("bodies", Some(line.bodies.len() as f64)),
+            ("drift_mm", millimeters(line.proof.drift_mujoco.or(line.proof.drift))),
+        ];
+        let candidate = Candidate {
+            name: format!("{} {}", line.layout, line.place),
+            path: lines.to_owned(),
+            bytes: cairn_clutter::model(library, &line)?,
+            figures: figures.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?))).collect(),
+        };
+        let thumbnail = sheet::thumbnail(&candidate, ELEVATION).map_err(|error| fault(&error))?;
+        entries.push((candidate, thumbnail));
+    }
+    let title = args.catalogue.file_stem().map_or(String::new(), |name| name.to_string_lossy().into_owned());
+    let about = format!("{} of {} layouts", entries.len(), counts.layouts);
+    let shown = ["bodies", "drift_mm"].map(str::to_owned);
+    let picture = sheet::sheet(&title, &about, &entries, &shown).map_err(|error| fault(&error))?;
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, image::ImageFormat::Jpeg).map_err(|error| fault(&error))?;
+    cairn_files::write_atomically(&path, bytes.get_ref()).map_err(|error| Failure::write(&path, &error))
 }
 
 fn table(title: &str, counts: &BTreeMap<String, u64>) -> String {
@@ -132,9 +183,12 @@ fn card(args: &Args, library: &Library, lines: &Path, file: &LinesFile, counts: 
     }
     let share = counts.may_leave as f64 / counts.bodies.max(1) as f64;
     text += &format!("\nOf the bodies, {:.0} % are proven to be safe to remove.\n", 100.0 * share);
-    let (seconds, made) = file.spent;
+    let Spent { seconds, made, memory } = file.spent;
     if made > 0 {
-        text += &format!("\nA layout took {:.3} CPU s in the mean.\n", seconds / made as f64);
+        let mean = seconds / made as f64;
+        text += &format!("\nOf those made last, a layout took {mean:.3} CPU s in the mean");
+        text += &memory.map_or(String::new(), |bytes| format!(", and a process {} MB", bytes / 1_000_000));
+        text += ".\n";
     }
     text += "\n## Licenses\n\n| model | license |\n| --- | --- |\n";
     let props = library.catalogue.props.iter().map(|prop| (&prop.path, &prop.license));

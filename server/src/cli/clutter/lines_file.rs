@@ -15,8 +15,19 @@ pub struct LinesFile {
     path: PathBuf,
     file: File,
     next: u64,
-    /// CPU seconds and layouts of this run.
-    pub spent: (f64, u64),
+    /// Of this run.
+    pub spent: Spent,
+}
+
+/// What layouts took.
+#[derive(Clone, Copy, Default)]
+pub struct Spent {
+    /// CPU time.
+    pub seconds: f64,
+    /// Layouts.
+    pub made: u64,
+    /// Peak of a process's memory, bytes.
+    pub memory: Option<u64>,
 }
 
 #[derive(Deserialize)]
@@ -44,7 +55,7 @@ impl LinesFile {
         }
         file.set_len(end)?;
         file.seek(SeekFrom::Start(end))?;
-        Ok(LinesFile { path: path.to_owned(), file, next, spent: (0.0, 0) })
+        Ok(LinesFile { path: path.to_owned(), file, next, spent: Spent::default() })
     }
 
     /// The number of the next line.

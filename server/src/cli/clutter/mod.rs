@@ -15,7 +15,7 @@ use cairn_clutter::line::Gates;
 use cairn_clutter::{Catalogue, Library, assets, line};
 use cairn_files::failpoints;
 use cairn_files::problem::Problem;
-use lines_file::LinesFile;
+use lines_file::{LinesFile, Spent};
 use overview::ClutterProgress;
 use serde_json::Value;
 use std::ffi::OsString;
@@ -207,16 +207,18 @@ fn make(args: &Args, library: &Library, file: &mut LinesFile, last: u64) -> Resu
         workers: jobs,
         timeout: Duration::from_secs(args.timeout),
     };
-    let mut failure = None;
+    let (mut failure, mut spent) = (None, Spent::default());
     pool::work(&task, |number, made| {
-        let (text, seconds) = match made {
-            Ok(made) => (made.line.get().to_owned(), made.seconds),
-            Err(why) => {
-                let lost = line::lost(library, number, &why);
-                (serde_json::to_string(&lost).unwrap_or_default(), 0.0)
+        let text = match made {
+            Ok(made) => {
+                spent.seconds += made.seconds;
+                spent.memory = spent.memory.max(made.memory);
+                made.line.get().to_owned()
             }
+            Err(why) => serde_json::to_string(&line::lost(library, number, &why)).unwrap_or_default(),
         };
-        progress.end(number, &text, seconds);
+        spent.made += 1;
+        progress.end(number, &text);
         match file.write(&text) {
             Ok(()) => true,
             Err(error) => {
@@ -230,7 +232,7 @@ fn make(args: &Args, library: &Library, file: &mut LinesFile, last: u64) -> Resu
         Failure::TryAgain(Problem::new("--jobs", format!("no process could be started: {error}"), remedy))
     })?;
     progress.finish();
-    file.spent = progress.spent();
+    file.spent = spent;
     match failure {
         Some(error) => Err(Failure::write(file.path(), &error)),
         None => Ok(()),

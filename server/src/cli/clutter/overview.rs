@@ -11,8 +11,6 @@ pub struct ClutterProgress {
     count: u64,
     done: u64,
     failed: u64,
-    /// CPU seconds.
-    seconds: f64,
     shown: Option<Instant>,
 }
 
@@ -25,14 +23,13 @@ impl ClutterProgress {
                 .with_style(style.expect("the template is valid"))
         };
         let display = mode.display(bar);
-        ClutterProgress { display, first, count, done: 0, failed: 0, seconds: 0.0, shown: None }
+        ClutterProgress { display, first, count, done: 0, failed: 0, shown: None }
     }
 
-    /// A layout is made. `seconds`: its CPU time.
-    pub fn end(&mut self, number: u64, line: &str, seconds: f64) {
+    /// A layout is made.
+    pub fn end(&mut self, number: u64, line: &str) {
         self.done = number + 1 - self.first;
         self.failed += u64::from(!line.ends_with("\"failed\":null}"));
-        self.seconds += seconds;
         let pause = match &self.display {
             Display::Bar(_) | Display::Json => Duration::from_millis(100),
             Display::Plain | Display::Openjd => Duration::from_secs(1),
@@ -58,8 +55,14 @@ impl ClutterProgress {
             }
             Display::Plain => eprintln!("{text}"),
             Display::Json => {
-                let next = first + done;
-                eprintln!("{}", json!({ "fraction": fraction, "done": done, "failed": failed, "of": count, "next": next }));
+                let counts = json!({
+                    "fraction": fraction,
+                    "done": done,
+                    "failed": failed,
+                    "of": count,
+                    "next": first + done,
+                });
+                eprintln!("{counts}");
             }
             Display::Openjd => {
                 openjd("progress", &format!("{:.1}", fraction * 100.0));
@@ -73,10 +76,5 @@ impl ClutterProgress {
         if let Display::Bar(bar) = &self.display {
             bar.finish_and_clear();
         }
-    }
-
-    /// CPU seconds and layouts so far.
-    pub fn spent(&self) -> (f64, u64) {
-        (self.seconds, self.done)
     }
 }
