@@ -433,6 +433,8 @@ mod tests {
             assert!(problems.iter().any(|problem| problem.contains(words)), "{words}: {problems:#?}");
         }
         assert_eq!(problems.len(), 8, "{problems:#?}");
+        let text = format!("[[props]]\npath = '{}/src'\n[[places]]\npath = \"bin.glb\"", env!("CARGO_MANIFEST_DIR"));
+        assert!(parse(&text).unwrap_err()[0].to_string().contains("no model is in this folder"));
         assert!(parse("a = ").unwrap_err()[0].to_string().contains("not TOML"));
         assert_eq!(parse("").unwrap_err().len(), 2);
     }

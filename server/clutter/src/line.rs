@@ -1,9 +1,9 @@
 //! One layout as one line of JSON. SI, glTF's axes.
 
+use crate::Library;
 use crate::arrange::{Start, arrange};
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::{Drawn, draw, numbers};
-use crate::Library;
 use crate::settle::{MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, settle};
 use cairn_analysis::{AnalysisOptions, forecast};
 use cairn_geometry::pose::Pose;
@@ -101,8 +101,7 @@ pub fn make(library: &Library, number: u64, gates: Gates, mut judge: Option<Judg
             }
         }
     }
-    let counts: Vec<String> =
-        rejected.iter().map(|(why, count)| format!("{}: {count}", name_of(*why))).collect();
+    let counts: Vec<String> = rejected.iter().map(|(why, count)| format!("{}: {count}", name_of(*why))).collect();
     let failed = format!("no attempt of {} was a layout ({})", library.catalogue.attempts(), counts.join(", "));
     let drawn = last.expect("there is at least one attempt");
     Ok(Line { rejected, ..empty(library, number, &drawn, failed) })
@@ -191,13 +190,7 @@ fn is_enough(library: &Library, drawn: &Drawn, starts: &[Start]) -> bool {
     has_target && !starts.is_empty() && starts.len() >= least
 }
 
-fn line(
-    library: &Library,
-    number: u64,
-    drawn: &Drawn,
-    settled: &Settled,
-    gates: Gates,
-) -> Result<Line, String> {
+fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates: Gates) -> Result<Line, String> {
     let (world, starts) = (&settled.world, &settled.starts);
     let index = |id: usize| settled.ids.binary_search(&id).ok();
     let asked: &[usize] = if gates.removals { &settled.ids } else { &[] };

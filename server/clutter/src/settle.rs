@@ -241,8 +241,7 @@ pub fn drift(library: &Library, settled: &Settled) -> f64 {
             break;
         }
     }
-    let moved = |(&id, before): (&BodyId, &Pose)| {
-        world.pose(id).translation.distance(before.translation) * world.units.length
-    };
+    let moved =
+        |(&id, before): (&BodyId, &Pose)| world.pose(id).translation.distance(before.translation) * world.units.length;
     settled.ids.iter().zip(&before).map(moved).fold(0.0, f64::max)
 }

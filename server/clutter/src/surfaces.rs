@@ -61,7 +61,11 @@ impl Surfaces {
         let margin = DVec3::new(cell, extent.max_element(), cell);
         let around = Surroundings::new(&scene, &block(low - margin, high + margin), None);
         let gaps = |i: usize| {
-            let p = DVec3::new(low.x + (0.5 + (i % size[0]) as f64) * cell, 0.0, low.z + (0.5 + (i / size[0]) as f64) * cell);
+            let p = DVec3::new(
+                low.x + (0.5 + (i % size[0]) as f64) * cell,
+                0.0,
+                low.z + (0.5 + (i / size[0]) as f64) * cell,
+            );
             let gaps = around.as_ref().map(|around| around.gaps(p)).unwrap_or_default();
             let is_free = |gap: &cairn_prepare::surroundings::Gap| {
                 !gap.taken && gap.low.is_finite() && gap.high - gap.low >= clearance
@@ -69,7 +73,17 @@ impl Surfaces {
             gaps.into_iter().filter(is_free).map(|gap| Stretch { low: gap.low, high: gap.high, surface: 0 }).collect()
         };
         let lines = (0..size[0] * size[1]).into_par_iter().map(gaps).collect();
-        let mut surfaces = Surfaces { origin: [low.x, low.z], cell, size, lines, cells: Vec::new(), bounds: (low, high), lowest: low.y, has_walls: false, around };
+        let mut surfaces = Surfaces {
+            origin: [low.x, low.z],
+            cell,
+            size,
+            lines,
+            cells: Vec::new(),
+            bounds: (low, high),
+            lowest: low.y,
+            has_walls: false,
+            around,
+        };
         surfaces.join();
         surfaces.has_walls = surfaces.walled() > WALLED;
         let floors = surfaces.lines.iter().flatten().map(|stretch| stretch.low);
@@ -212,9 +226,7 @@ impl Surfaces {
 
 /// A closed box between two corners.
 fn block(low: DVec3, high: DVec3) -> TriMesh {
-    let corner = |i: usize| {
-        DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low)
-    };
+    let corner = |i: usize| DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low);
     hull_mesh(&(0..8).map(corner).collect::<Vec<_>>())
 }
 

@@ -69,8 +69,7 @@ impl Counts {
     pub fn summary(&self, folder: &Path, before: u64) -> String {
         let again: u64 = self.rejected.values().sum();
         let mut text = format!("{}: {} layouts, {} bodies", folder.display(), self.layouts, self.bodies);
-        for (count, what) in
-            [(before, "finished before"), (again, "drawn again"), (self.failed.len() as u64, "failed")]
+        for (count, what) in [(before, "finished before"), (again, "drawn again"), (self.failed.len() as u64, "failed")]
         {
             if count > 0 {
                 text += &format!(", {count} {what}");

@@ -8,10 +8,8 @@ use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 /// The reader and the loader that a user's program has.
-const PROGRAM: &str = concat!(
-    include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/python/cairn/clutter.py")),
-    "\n_answer_drifts()\n"
-);
+const PROGRAM: &str =
+    concat!(include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/python/cairn/clutter.py")), "\n_answer_drifts()\n");
 
 /// Refuses a Python without MuJoCo.
 pub fn check(python: &Path) -> Result<(), Failure> {
