@@ -45,7 +45,7 @@ fn a_layout_is_the_same_whatever_else_is_made() {
     for (number, line) in all.iter().enumerate() {
         assert_eq!(line["layout"], number);
         assert_eq!((&line["failed"], &line["proof"]["at_rest"]), (&Value::Null, &Value::Bool(true)));
-        assert!(line["proof"]["drift"].as_f64().unwrap() <= 0.0005, "{line}");
+        assert!(line["proof"]["drift"].as_f64().unwrap() <= 0.002, "{line}");
         assert!(line["proof"]["overlap"].as_f64().unwrap() <= 0.001, "{line}");
         let bodies = line["bodies"].as_array().unwrap();
         assert!((3..=5).contains(&bodies.len()), "{line}");
@@ -123,7 +123,7 @@ fn problems_come_at_once() {
     run(&desk, "-n 4 -o out", "").fails(65, &["gone.glb: no such file (props.1)", "lost.glb: no such file (places.0)"]);
     assert!(!desk.path("out").exists());
     // A target that must be covered, and a level of the bin.
-    let asks = CATALOGUE.replace("bin.glb\"", "bin.glb\"\nlevel = 0.05");
+    let asks = CATALOGUE.replace("bin.glb\"", "bin.glb\"\nlevel = 0.01");
     desk.write("catalogue.toml", format!("target = {{ label = \"book\", covered_by = [0, 1] }}\n{asks}"));
     run(&desk, "-n 2 -o out", "").ok();
     for line in lines(&text(&desk, "out/layouts.jsonl")) {

@@ -1,5 +1,5 @@
-//! Where the bodies of a layout begin: above a surface of its place, apart from each other, as low as they find room, so
-//! that they fall a little and not far. SI.
+//! Where the bodies of a layout begin: above a surface of its place, apart from each other, as low as they find room,
+//! so that they fall a little and not far. SI.
 //!
 //! Each body counts as the box around it: a body goes on the highest box below it.
 

@@ -30,13 +30,14 @@ pub fn assets(library: &Library) -> Value {
     let places = scene.statics.iter().enumerate().map(|(i, model)| {
         let entry = &library.catalogue.places[i];
         let (file, node) = cairn_files::split_node(&entry.path);
+        let solids = library.places[i].cover.solids.iter().map(|points| hull(points.iter().copied()));
         json!({
             "label": library.places[i].label,
             "file": file,
             "node": node,
             "license": entry.license,
             "friction": model.friction,
-            "solids": library.places[i].cover.solids.iter().map(|points| hull(points.iter().copied())).collect::<Value>(),
+            "solids": solids.collect::<Value>(),
         })
     });
     json!({

@@ -1,4 +1,4 @@
-//! What a catalogue file says: props, places, and what a layout may have. TOML.
+//! What a catalogue file says: props, places, and what a layout may have. TOML. Long: types, checks and their tests.
 
 use cairn_files::problem::{Problem, nearest};
 use serde::Deserialize;
@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 pub const MOST_BODIES: u32 = 500;
 
 /// Of bodies at rest with this friction, MuJoCo moves none by 2 mm in 2 s, where bricks and bananas lie in a bin; with
-/// 0.1, in an eighth of the layouts; with 0.7, in all: its contacts creep by a millimeter a second for each tenth of its
-/// weight that a body leans on friction.
+/// 0.1, in an eighth of the layouts; with 0.7, in all: its contacts creep by a millimeter a second for each tenth of
+/// its weight that a body leans on friction.
 const SETTLE_FRICTION: f64 = 0.05;
 
 /// A catalogue as its file has it, folders replaced by the models in them.
@@ -33,8 +33,8 @@ pub struct Settings {
     pub accuracy: Option<String>,
     /// m/s^2.
     pub gravity: Option<f64>,
-    /// Largest friction while bodies settle; then they have their own. Bodies that hardly lean on their friction stay in
-    /// engines whose friction yields, as MuJoCo's does.
+    /// Largest friction while bodies settle; then they have their own. Bodies that hardly lean on their friction stay
+    /// in engines whose friction yields, as MuJoCo's does.
     pub settle_friction: Option<f64>,
     /// Bodies of a layout.
     pub count: Option<Span>,
@@ -93,12 +93,6 @@ pub struct Target {
     pub label: String,
     /// Bodies that have to leave before it can: those that rest on it.
     pub covered_by: Option<Span>,
-    /// Share of it that a camera sees.
-    pub visible: Option<Span>,
-    /// Direction of that camera, degrees from +Z toward +X.
-    pub azimuth: Option<f64>,
-    /// Degrees above the horizon.
-    pub elevation: Option<f64>,
 }
 
 /// How bodies begin.
@@ -177,7 +171,7 @@ const SETTINGS: &[&str] = &[
     "props",
     "places",
 ];
-const TARGET: &[&str] = &["label", "covered_by", "visible", "azimuth", "elevation"];
+const TARGET: &[&str] = &["label", "covered_by"];
 const PROP: &[&str] =
     &["path", "label", "weight", "friction", "density", "restitution", "scale_min", "scale_max", "license"];
 const PLACE: &[&str] = &["path", "label", "weight", "friction", "count", "level", "license"];
@@ -306,10 +300,11 @@ impl Found<'_> {
 
     fn check(&mut self, catalogue: &Catalogue) {
         let Catalogue { settings, props, places, .. } = catalogue;
-        if props.is_empty() && self.problems.is_empty() {
+        let is_read = self.problems.is_empty();
+        if props.is_empty() && is_read {
             self.problem("props", "there are none", "Add [[props]] with a path.");
         }
-        if places.is_empty() && self.problems.is_empty() {
+        if places.is_empty() && is_read {
             self.problem("places", "there are none", "Add [[places]] with the path of a tray, bin, shelf or table.");
         }
         let none = |weights: Vec<Option<f64>>| weights.iter().all(|weight| *weight == Some(0.0));
@@ -343,9 +338,6 @@ impl Found<'_> {
         }
         if let Some(target) = &settings.target {
             self.span("target.covered_by", target.covered_by, [0.0, most], true);
-            self.span("target.visible", target.visible, [0.0, 1.0], false);
-            self.span("target.azimuth", target.azimuth.map(Span::One), [-360.0, 360.0], false);
-            self.span("target.elevation", target.elevation.map(Span::One), [-89.0, 89.0], false);
             let labels: Vec<String> = props.iter().map(PropEntry::label).collect();
             if !labels.contains(&target.label) && !props.is_empty() {
                 let remedy = match nearest(&target.label, labels.iter().map(String::as_str)) {
@@ -416,7 +408,7 @@ mod tests {
 
     #[test]
     fn all_problems_are_reported_at_once() {
-        let text = "count = [9, 4]\nsed = 3\n[target]\nlabel = \"brik\"\nvisible = 2\n\
+        let text = "count = [9, 4]\nsed = 3\n[target]\nlabel = \"brik\"\ncovered_by = 0.5\n\
                     [[props]]\npath = \"brick.glb\"\nwieght = 2\n[[props]]\npath = 3\n\
                     [[places]]\npath = \"bin.glb\"\nlevel = 0.5\ncount = 0\n";
         let problems: Vec<String> = parse(text).unwrap_err().iter().map(Problem::to_string).collect();
@@ -424,7 +416,7 @@ mod tests {
             "kit/catalogue.toml: count: 9 comes after 4",
             "sed: a catalogue has no such field. Did you mean seed?",
             "target.label: no prop has the label brik. Did you mean brick?",
-            "target.visible: 2 is out of range",
+            "target.covered_by: 0.5 is out of range",
             "props.0.wieght: a catalogue has no such field. Did you mean weight?",
             "props.1: ",
             "places.0.level: there is a count, too",

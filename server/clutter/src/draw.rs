@@ -38,8 +38,8 @@ pub fn numbers(seed: u64, number: u64, attempt: u32) -> Pcg64Mcg {
     Pcg64Mcg::seed_from_u64(u64::from_le_bytes(*first))
 }
 
-/// Draws what an attempt at a layout is made of. Place, arrangement and number of bodies are those of the first attempt:
-/// else hard ones would be rare.
+/// Draws what an attempt at a layout is made of. Place, arrangement and number of bodies are those of the first
+/// attempt: else hard ones would be rare.
 pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
     let settings = &library.catalogue.settings;
     let mut first = numbers(library.catalogue.seed(), number, u32::MAX);

@@ -9,14 +9,14 @@
 //! ```text
 //!   catalogue, seed, n  ->  draw  ->  arrange  ->  settle  ->  trial  ->  line n
 //!                            ^                                   |
-//!                            +---- with the next attempt --------+  moved, fell, overlaps, hides its target
+//!                            +---- with the next attempt --------+  moved, fell, overlaps, buries its target
 //! ```
 //!
 //! It must never know a process, a clock or which layouts were made before: a line is a function of the catalogue with
 //! its files and of its number.
 //!
-//! Invariants: SI and glTF's axes in every line; poses are from a prop's own frame, scaled, to that of the place's file;
-//! what a line says of a layout was found in the layout that it shows.
+//! Invariants: SI and glTF's axes in every line; poses are from a prop's own frame, scaled, to that of the place's
+//! file; what a line says of a layout was found in the layout that it shows.
 
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]

@@ -57,8 +57,6 @@ pub struct LineBody {
     pub carries: Vec<usize>,
     /// Whether the others are proven to stand without it; null: neither that nor the contrary.
     pub may_leave: Option<bool>,
-    /// Share of it that the camera of the target sees; null where the catalogue asks for no view.
-    pub visible: Option<f64>,
 }
 
 /// What was found of a layout.
@@ -157,7 +155,7 @@ fn attempt_at(
         return Ok(Err((drawn, Rejection::NotContained)));
     }
     let drift = gates.any.then(|| drift(library, &settled));
-    if drift.is_some_and(|drift| drift > MOST_DRIFT) {
+    if drift.is_some_and(|drift| drift > MOST_DRIFT * library.units.length) {
         return Ok(Err((drawn, Rejection::Drift)));
     }
     let mut line = line(library, number, &drawn, &settled, gates)?;
@@ -231,7 +229,6 @@ fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates:
             rests_on: below,
             carries: found.rest_on[settled.ids[k]].iter().filter_map(|&id| index(id)).collect(),
             may_leave: may_leave[k],
-            visible: None,
         }
     };
     let bodies = starts.iter().enumerate().map(body).collect();

@@ -39,9 +39,9 @@ pub const TRIAL: f64 = 2.0;
 /// of MuJoCo's is about twice as high for props of 10 cm. Few substeps suffice for such.
 const SOFT_FREQUENCY: f64 = 7.0;
 const SOFT_SUBSTEPS: u32 = 4;
-/// A body may move by this much in a trial, m. Of 160 layouts of household objects, 14 moved by more than 2 mm in MuJoCo,
-/// and of the 130 within this bound, one.
-pub const MOST_DRIFT: f64 = 0.0005;
+/// A body may move by this much in a trial, in the median prop's diameter: soft contacts sink in. Of 1,000 layouts of
+/// household objects within this bound, 982 moved by less than 2 mm in MuJoCo; without it, nine of ten.
+pub const MOST_DRIFT: f64 = 0.003;
 /// A body may move by this much in another engine, m.
 pub const MOST_ELSEWHERE: f64 = 0.002;
 /// A body may overlap others by this much, m.
@@ -63,8 +63,6 @@ pub enum Rejection {
     Drift,
     /// A body moved in MuJoCo.
     DriftInMujoco,
-    /// The target is seen too much or too little.
-    Visible,
     /// Too many or too few bodies rest on the target.
     Covered,
 }
