@@ -55,6 +55,8 @@ fn assets_are_closed_outward_small_and_stand_on_the_ground() {
         ("spiral", 2.7),
         ("hills", 19.8),
         ("bin", 1.24 * 0.84 * 0.72 - 1.2 * 0.8 * 0.7),
+        ("tray", 0.58 * 0.42 * 0.11 - 0.56 * 0.4 * 0.1),
+        ("desk", 1.4 * 0.03 * 0.8 + 4.0 * 0.04 * 0.04 * 0.69),
         ("pillar", 0.345),
         ("stairs", 3.15),
         ("rack", 0.077),

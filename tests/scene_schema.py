@@ -1,6 +1,6 @@
 """scene_schema.py CAIRN: an editor that has the schema of `CAIRN schema` takes what Cairn takes, and marks what Cairn refuses.
 
-Needs jsonschema.
+Lines of layouts are as their schema says. Needs jsonschema.
 """
 
 import json
@@ -58,3 +58,21 @@ assert files
 for path in files:
     validator.validate(tomllib.loads(path.read_text()))
 print(f"{len(GOOD) + len(BAD)} scenes and {len(files)} files judged alike")
+
+# Lines of layouts, and the reader that gives them to simulators.
+lines = jsonschema.Draft202012Validator(json.loads((root / "examples/clutter/layout.schema.json").read_text()))
+sys.path.insert(0, str(root / "python/cairn"))
+import clutter  # noqa: E402
+
+with tempfile.TemporaryDirectory() as folder:
+    command = [cairn, "clutter", root / "examples/clutter/bin.toml", "-n", "3", "-o", folder, "--sheet", "0"]
+    subprocess.run([*command, "--progress", "none"], capture_output=True, check=True)
+    layouts = list(clutter.read(folder, failed=True))
+    for layout in layouts:
+        lines.validate(layout.line)
+        assert len(layout.positions) == len(layout.labels) == len(layout.bodies)
+        assert all(layout.prop(body)["solids"] for body in layout.bodies) and layout.place["solids"]
+assert [layout.number for layout in layouts] == [0, 1, 2]
+position, (w, x, y, z) = clutter.z_up([1, 2, 3], [0, 0, 0, 1])
+assert position == [1, -3, 2] and abs(w - 0.5**0.5) < 1e-12 and abs(x - 0.5**0.5) < 1e-12 and y == z == 0
+print(f"{len(layouts)} layouts are as their schema says")

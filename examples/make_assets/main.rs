@@ -70,6 +70,8 @@ fn main() -> std::io::Result<()> {
         // What piles lie on, in and around.
         ("hills", places::hills()),
         ("bin", places::bin()),
+        ("tray", places::tray()),
+        ("desk", places::desk()),
         ("pillar", places::pillar()),
         ("stairs", places::stairs()),
         ("rack", places::rack()),

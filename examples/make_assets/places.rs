@@ -61,6 +61,29 @@ pub fn bin() -> Asset {
     asset
 }
 
+/// A tray, 0.56 x 0.4 m inside, 0.1 m deep.
+pub fn tray() -> Asset {
+    let [half_x, half_z, wall, high] = [0.28, 0.2, 0.01, 0.11];
+    let (out_x, out_z) = (half_x + wall, half_z + wall);
+    let mut asset = Asset::default();
+    asset.cuboid([-out_x, 0.0, -out_z], [out_x, wall, out_z], "paint");
+    asset.cuboid([-out_x, wall, -out_z], [out_x, high, -half_z], "paint");
+    asset.cuboid([-out_x, wall, half_z], [out_x, high, out_z], "paint");
+    asset.cuboid([-out_x, wall, -half_z], [-half_x, high, half_z], "paint");
+    asset.cuboid([half_x, wall, -half_z], [out_x, high, half_z], "paint");
+    asset
+}
+
+/// A desk of 1.4 x 0.8 m, 0.72 m high.
+pub fn desk() -> Asset {
+    let mut asset = Asset::default();
+    asset.cuboid([-0.7, 0.69, -0.4], [0.7, 0.72, 0.4], "timber");
+    for (x, z) in [(-0.66, -0.36), (0.62, -0.36), (-0.66, 0.32), (0.62, 0.32)] {
+        asset.cuboid([x, 0.0, z], [x + 0.04, 0.69, z + 0.04], "steel");
+    }
+    asset
+}
+
 /// A pillar of 0.4 m, 2.4 m high.
 pub fn pillar() -> Asset {
     let profile = [[0.0, 0.0], [0.32, 0.0], [0.32, 0.12], [0.2, 0.16], [0.2, 2.2], [0.3, 2.28], [0.3, 2.4], [0.0, 2.4]];

@@ -11,6 +11,7 @@ SI units; axes are glTF's: right-handed, Y up. `Client` blocks, `AsyncClient` is
 An error raises `Fault`; its `problems` lists all errors of a scene.
 """
 
+from . import clutter
 from .asynchronous import AsyncBake, AsyncClient, Event
 from .program import analyse, pack, program, serve
 from .request import Request, read
@@ -30,6 +31,7 @@ __all__ = [
     "Request",
     "Snapshot",
     "analyse",
+    "clutter",
     "pack",
     "program",
     "read",

@@ -5,6 +5,7 @@ mod bad_input;
 mod bake;
 mod batch;
 mod beside;
+mod clutter;
 mod cost;
 mod desk;
 mod effects;

@@ -107,7 +107,7 @@ fn examples() {
 /// A folder with the examples, as in the repository.
 fn desk_with_examples() -> Desk {
     let desk = Desk::new();
-    for folder in ["examples", "examples/assets", "examples/assets/stacks", "examples/guide"] {
+    for folder in ["examples", "examples/assets", "examples/assets/stacks", "examples/clutter", "examples/guide"] {
         std::fs::create_dir(desk.path(folder)).unwrap();
         for entry in std::fs::read_dir(root().join(folder)).unwrap().map(|entry| entry.unwrap()) {
             if entry.path().extension().is_some_and(|ending| ["glb", "toml", "usda"].iter().any(|one| ending == *one)) {
@@ -146,11 +146,14 @@ fn guide() {
                 Some("render") => " --size 48x36 --samples 1",
                 Some("doctor") => " --skip-bake",
                 Some("cost") => " --seeds 1 --budget 1s",
+                Some("clutter") => " --sheet 1 --progress none",
                 _ => "",
             };
             // Only `render` makes tiny pictures: of the others, one is enough.
             let picture = command.split_whitespace().skip_while(|word| *word != "--picture").nth(1);
+            let few = |command: &str| command.replace(" -n 1000 ", " -n 2 ");
             let command = match picture {
+                _ if command.starts_with("cairn clutter") => few(command),
                 Some(picture) if drawn => command.replace(&format!(" --picture {picture}"), ""),
                 _ => command.to_owned(),
             };

@@ -339,5 +339,10 @@ pub fn shop() -> Desk {
     desk.write("caged.usda", caged.replace("def Xform \"Slab\"\n    {\n", others));
     desk.write("lost.usda", "#usda 1.0\n(\n    subLayers = [@./gone.usda@]\n)\n");
     desk.write("kit.usda", kit);
+    let catalogue = "[[props]]\npath = \"stick.glb\"\n";
+    let places = "[[places]]\npath = \"brick.glb\"\n";
+    desk.write("clutter.toml", format!("{catalogue}{places}"));
+    desk.write("clutter-none.toml", catalogue);
+    desk.write("clutter-field.toml", format!("{catalogue}{places}wieght = 2\n"));
     desk
 }

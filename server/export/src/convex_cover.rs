@@ -3,9 +3,9 @@
 
 use cairn_engine::shape::hull_mesh;
 use cairn_geometry::mesh::{TriMesh, boxes_meet};
-use cairn_geometry::topology::{parts, weld};
+use cairn_geometry::topology::{DisjointSets, inspect, parts, weld};
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 /// A part is convex if its hull is larger by this share at most.
 const CONVEX: f64 = 1e-4;
@@ -28,6 +28,8 @@ pub struct CoverLimits {
 /// Convex solids, each the hull of its points.
 pub struct ConvexCover {
     pub solids: Vec<Vec<DVec3>>,
+    /// How many of them are plates; the last ones.
+    pub plates: usize,
     /// Triangles that none of them has.
     pub left_out: usize,
 }
@@ -39,8 +41,7 @@ impl ConvexCover {
         // With their distances from the middle.
         let mut plates: Vec<(f64, Vec<DVec3>)> = Vec::new();
         let middle = (limits.bounds.0 + limits.bounds.1) / 2.0;
-        for triangles in parts(&mesh) {
-            let part = weld(&TriMesh { points: mesh.points.clone(), triangles }, 0.0);
+        for part in parts(&mesh).into_iter().flat_map(|triangles| pieces(&mesh, triangles)) {
             if !meets(part.bounds(), limits.bounds) {
                 left_out += part.triangles.len();
                 continue;
@@ -65,8 +66,9 @@ impl ConvexCover {
         plates.sort_by(|a, b| a.0.total_cmp(&b.0));
         let room = limits.most.saturating_sub(solids.len());
         left_out += plates.len().saturating_sub(room);
+        let count = plates.len().min(room);
         solids.extend(plates.into_iter().take(room).map(|(_, points)| points));
-        ConvexCover { solids, left_out }
+        ConvexCover { solids, plates: count, left_out }
     }
 }
 
@@ -74,11 +76,26 @@ fn meets(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
     boxes_meet(a, b, DVec3::ZERO)
 }
 
-/// Whether each edge has two triangles, one in each direction.
+/// A part, or what it is made of where solids only meet along edges, as the boxes of a crate do.
+fn pieces(mesh: &TriMesh, triangles: Vec<[u32; 3]>) -> Vec<TriMesh> {
+    let piece = |triangles: Vec<[u32; 3]>| weld(&TriMesh { points: mesh.points.clone(), triangles }, 0.0);
+    let mut edges: BTreeMap<[u32; 2], Vec<usize>> = BTreeMap::new();
+    for (number, &[a, b, c]) in triangles.iter().enumerate() {
+        for [a, b] in [[a, b], [b, c], [c, a]] {
+            edges.entry([a.min(b), a.max(b)]).or_default().push(number);
+        }
+    }
+    let mut sets = DisjointSets::new(triangles.len());
+    edges.values().filter(|sides| sides.len() == 2).for_each(|sides| sets.join(sides[0], sides[1]));
+    let mut apart: BTreeMap<usize, Vec<[u32; 3]>> = BTreeMap::new();
+    triangles.iter().enumerate().for_each(|(number, t)| apart.entry(sets.find(number)).or_default().push(*t));
+    let apart: Vec<TriMesh> = apart.into_values().map(piece).collect();
+    if apart.iter().all(is_closed) { apart } else { vec![piece(triangles)] }
+}
+
+/// Whether it bounds a solid.
 fn is_closed(mesh: &TriMesh) -> bool {
-    let edges = |&[a, b, c]: &[u32; 3]| [[a, b], [b, c], [c, a]];
-    let all: BTreeSet<[u32; 2]> = mesh.triangles.iter().flat_map(edges).collect();
-    all.len() == 3 * mesh.triangles.len() && all.iter().all(|&[a, b]| all.contains(&[b, a]))
+    inspect(mesh).bounds_a_solid()
 }
 
 /// A triangle with a thickness: on the side that `inward` says (1: where its normal points), or half on each side.
@@ -152,6 +169,18 @@ mod tests {
         let far = CoverLimits { bounds: (DVec3::splat(5.0), DVec3::splat(6.0)), ..limits(100) };
         let cover = ConvexCover::new(&corner, &far);
         assert_eq!((cover.solids.len(), cover.left_out), (0, corner.triangles.len()));
+    }
+
+    #[test]
+    fn boxes_that_share_an_edge_are_solids_of_their_own() {
+        let cube = |at: [f64; 3]| {
+            let corner = |i: usize| DVec3::from(at) + DVec3::new((i & 1) as f64, (i >> 1 & 1) as f64, (i >> 2) as f64);
+            hull_mesh(&(0..8).map(corner).collect::<Vec<_>>())
+        };
+        let mut stairs = cube([0.0; 3]);
+        stairs.append(&cube([1.0, 1.0, 0.0]));
+        let cover = ConvexCover::new(&stairs, &limits(9));
+        assert_eq!((cover.solids.len(), cover.left_out), (2, 0));
     }
 
     #[test]

@@ -30,6 +30,8 @@ mod table;
 mod tracks;
 mod usd;
 
+pub use convex_cover::{ConvexCover, CoverLimits};
+
 use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
 use cairn_files::{FileSource, folder_of, write_atomically};

@@ -10,6 +10,7 @@ mod bounds;
 mod cache_args;
 mod cancel;
 mod check;
+mod clutter;
 mod completions;
 mod cost;
 mod doctor;
@@ -68,6 +69,7 @@ enum Command {
     Batch(batch::Args),
     Cancel(cancel::Args),
     Check(check::Args),
+    Clutter(clutter::Args),
     Completions(completions::Args),
     Cost(cost::Args),
     Doctor(doctor::Args),
@@ -92,6 +94,7 @@ impl Command {
         match self {
             Command::Bake(args) => Some(args.progress.mode),
             Command::Batch(args) => Some(args.progress),
+            Command::Clutter(args) => Some(args.progress),
             Command::Verify(args) => Some(args.progress),
             Command::Watch(args) => Some(args.progress.mode),
             _ => None,
@@ -168,6 +171,7 @@ pub fn main() -> ExitCode {
         Command::Batch(args) => batch::run(&args),
         Command::Cancel(args) => cancel::run(&args),
         Command::Check(args) => check::run(&args),
+        Command::Clutter(args) => clutter::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Cost(args) => cost::run(&args),
         Command::Doctor(args) => doctor::run(&args),

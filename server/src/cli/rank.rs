@@ -112,7 +112,7 @@ fn write(
         if interrupt::is_requested() {
             return Err(Failure::Cancelled);
         }
-        let thumbnail = sheet::thumbnail(&candidate)?;
+        let thumbnail = sheet::thumbnail(&candidate, cairn_render::Settings::default().elevation)?;
         entries.push((candidate, thumbnail));
     }
     let title = args.folder.canonicalize().ok().and_then(|folder| folder.file_name().map(|name| name.to_owned()));
@@ -121,7 +121,8 @@ fn write(
         |key: &SortKey| format!("{}{}", key.figure.replace('_', " "), if key.least { ", smallest first" } else { "" });
     let order = keys.iter().map(order).collect::<Vec<_>>().join("; ");
     let internal = |error: &dyn std::fmt::Display| Failure::Internal(error.to_string());
-    let drawn = sheet::sheet(&title, &order, &entries, shown).map_err(|error| internal(&error))?;
+    let line = format!("{} variants by {order}", entries.len());
+    let drawn = sheet::sheet(&title, &line, &entries, shown).map_err(|error| internal(&error))?;
     let mut png = Cursor::new(Vec::new());
     drawn.write_to(&mut png, ImageFormat::Png).map_err(|error| internal(&error))?;
     let html = sheet::page(&title, &order, &entries, shown, args.embed_mib << 20).map_err(|error| internal(&error))?;

@@ -25,15 +25,15 @@ const MARK: RGBColor = RGBColor(0xc2, 0x57, 0x1a);
 /// A small picture of a result.
 pub type Thumbnail = RgbImage;
 
-/// Renders the last frame.
-pub fn thumbnail(candidate: &Candidate) -> Result<Thumbnail, RenderError> {
+/// Renders the last frame, seen from this many degrees above the horizon.
+pub fn thumbnail(candidate: &Candidate, elevation: f64) -> Result<Thumbnail, RenderError> {
     let name = candidate.path.display().to_string();
     let model =
         RenderModel { name: &name, bytes: &candidate.bytes, resolve: &|_| Err("a result names no other file".into()) };
-    render(&model, None, &Settings { size: SIZE, samples: SAMPLES, ..Settings::default() })
+    render(&model, None, &Settings { size: SIZE, samples: SAMPLES, elevation, ..Settings::default() })
 }
 
-/// All pictures with rank, name and the figures `shown`.
+/// All pictures with rank, name and the figures `shown`. `order`: a line about them.
 pub fn sheet(
     title: &str,
     order: &str,
@@ -61,7 +61,7 @@ pub fn sheet(
     let area = BitMapBackend::with_buffer(&mut picture, size).into_drawing_area();
     let font = |size: f64, color: RGBColor| (FONT, size).into_font().color(&color);
     area.draw(&Text::new(title, (GAP as i32, 10), font(24.0, INK)))?;
-    area.draw(&Text::new(format!("{count} variants by {order}"), (GAP as i32, 38), font(15.0, SOFT)))?;
+    area.draw(&Text::new(order, (GAP as i32, 38), font(15.0, SOFT)))?;
     for (number, (candidate, _)) in entries.iter().enumerate() {
         let (x, y) = place(number);
         let (left, right, mut y) = (x as i32, (x + SIZE[0]) as i32, (y + SIZE[1] + 5) as i32);

@@ -16,6 +16,11 @@ const SHAKE: f64 = 1e-3;
 const SMALLER: f64 = 0.99;
 
 impl World {
+    /// From now on, nothing resists rolling.
+    pub fn roll_freely(&mut self) {
+        self.rolling.end();
+    }
+
     /// From now on, each contact point has friction of its own, as in all common engines, and nothing resists rolling.
     /// Every body is moved a little, and a little smaller. `shapes`: of the props.
     pub fn act_as_any_engine(&mut self, shapes: &[Shape]) {

@@ -125,8 +125,8 @@ impl World {
         }
     }
 
-    /// The core of a pile, closed: bodies that have sunk into it are pushed out. The mesh is in SI.
-    pub fn add_core(&mut self, mesh: &TriMesh, is_convex: bool, friction: f64) -> Result<(), String> {
+    /// A closed solid, such as the core of a pile: bodies that have sunk into it are pushed out. The mesh is in SI.
+    pub fn add_core(&mut self, mesh: &TriMesh, is_convex: bool, friction: f64) -> Result<WallId, String> {
         let mesh = self.units.mesh_to_engine(mesh);
         let points: Vec<Vector> = mesh.points.iter().map(|p| p.as_vec3()).collect();
         let core = match Hull::new(&points).filter(|_| is_convex) {
@@ -135,8 +135,7 @@ impl World {
                 .user_data(Owner::Core.user_data()),
             None => mesh_collider(&mesh, 1.0, friction, ONE_SIDED, Owner::Core)?,
         };
-        self.engine.insert_collider(core, None);
-        Ok(())
+        Ok(WallId(self.engine.insert_collider(core, None)))
     }
 
     /// Geometry that moves, from its pose at the beginning on; SI.

@@ -1,0 +1,264 @@
+//! One layout as one line of JSON. SI, glTF's axes.
+
+use crate::Library;
+use crate::arrange::{Start, arrange};
+use crate::catalogue::{Arrangement, StartPose};
+use crate::draw::{Drawn, draw, numbers};
+use crate::settle::{MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, settle};
+use cairn_analysis::{AnalysisOptions, forecast};
+use cairn_geometry::pose::Pose;
+use cairn_input::observer::Silent;
+use glam::DMat3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// A layout.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Line {
+    /// Its number.
+    pub layout: u64,
+    /// Attempts before it that were no layouts, by reason.
+    pub rejected: BTreeMap<Rejection, u32>,
+    /// Label of the place, and its number in the catalogue.
+    pub place: String,
+    pub place_number: usize,
+    pub arrangement: Arrangement,
+    pub pose: StartPose,
+    pub bodies: Vec<LineBody>,
+    pub proof: Proof,
+    /// The body that is looked for.
+    pub target: Option<usize>,
+    /// Why there is no layout; then there are no bodies.
+    pub failed: Option<String>,
+}
+
+/// A body of a layout.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LineBody {
+    /// Its number in the catalogue, folders replaced by their models.
+    pub prop: usize,
+    pub label: String,
+    pub scale: f64,
+    /// Of the prop's own origin in the frame of the place's file, m.
+    pub position: [f64; 3],
+    /// x, y, z, w.
+    pub rotation: [f64; 4],
+    /// kg.
+    pub mass: f64,
+    /// In the body's own frame, m.
+    pub center_of_mass: [f64; 3],
+    /// About the center of mass along the body's own axes, kg m^2: xx, yy, zz, xy, xz, yz.
+    pub inertia: [f64; 6],
+    /// Bodies that carry it, ascending; -1: the place.
+    pub rests_on: Vec<i64>,
+    /// Bodies that rest on it, directly or through others, ascending.
+    pub carries: Vec<usize>,
+    /// Whether the others are proven to stand without it; null: neither that nor the contrary.
+    pub may_leave: Option<bool>,
+}
+
+/// What was found of a layout.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Proof {
+    pub at_rest: bool,
+    /// Every center of mass is above a surface of the place.
+    pub contained: bool,
+    /// Largest overlap of two collision shapes, m.
+    pub overlap: f64,
+    /// Largest way of a body in 2 s of our own trial, m; null: it was not tried.
+    pub drift: Option<f64>,
+    /// The same in MuJoCo.
+    pub drift_mujoco: Option<f64>,
+}
+
+/// What a layout is tried by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gates {
+    /// Our own trial.
+    pub any: bool,
+    /// Removals are judged.
+    pub removals: bool,
+}
+
+/// Another engine, to which a layout is given.
+pub type Judge<'a> = &'a mut dyn FnMut(&Line) -> Result<f64, String>;
+
+/// Makes the layout of a number. `judge`: its drift in another engine, m.
+pub fn make(library: &Library, number: u64, gates: Gates, mut judge: Option<Judge>) -> Result<Line, String> {
+    let mut rejected: BTreeMap<Rejection, u32> = BTreeMap::new();
+    let mut last = None;
+    for attempt in 0..library.catalogue.attempts() {
+        match attempt_at(library, number, attempt, gates, &mut judge)? {
+            Ok(line) => return Ok(Line { rejected, ..line }),
+            Err((drawn, why)) => {
+                *rejected.entry(why).or_default() += 1;
+                last = Some(drawn);
+            }
+        }
+    }
+    let counts: Vec<String> = rejected.iter().map(|(why, count)| format!("{}: {count}", name_of(*why))).collect();
+    let failed = format!("no attempt of {} was a layout ({})", library.catalogue.attempts(), counts.join(", "));
+    let drawn = last.expect("there is at least one attempt");
+    Ok(Line { rejected, ..empty(library, number, &drawn, failed) })
+}
+
+/// The name of a reason in lines.
+pub fn name_of(why: Rejection) -> String {
+    serde_json::to_value(why).ok().and_then(|name| name.as_str().map(str::to_owned)).unwrap_or_default()
+}
+
+/// A line without a layout.
+fn empty(library: &Library, number: u64, drawn: &Drawn, failed: String) -> Line {
+    Line {
+        layout: number,
+        rejected: BTreeMap::new(),
+        place: library.places[drawn.place].label.clone(),
+        place_number: drawn.place,
+        arrangement: drawn.arrangement,
+        pose: drawn.pose,
+        bodies: Vec::new(),
+        proof: Proof::default(),
+        target: None,
+        failed: Some(failed),
+    }
+}
+
+/// The line of a layout whose process ended, or took too long.
+pub fn lost(library: &Library, number: u64, why: &str) -> Line {
+    let drawn = draw(library, number, &mut numbers(library.catalogue.seed(), number, 0));
+    empty(library, number, &drawn, why.to_owned())
+}
+
+type Attempt = Result<Line, (Drawn, Rejection)>;
+
+fn attempt_at(
+    library: &Library,
+    number: u64,
+    attempt: u32,
+    gates: Gates,
+    judge: &mut Option<Judge>,
+) -> Result<Attempt, String> {
+    let mut rng = numbers(library.catalogue.seed(), number, attempt);
+    let drawn = draw(library, number, &mut rng);
+    let starts = arrange(library, &drawn, &mut rng);
+    if !is_enough(library, &drawn, &starts) {
+        return Ok(Err((drawn, Rejection::NoRoom)));
+    }
+    let settled = match settle(library, drawn.place, &starts) {
+        Ok(settled) => settled,
+        Err(why) => return Ok(Err((drawn, why))),
+    };
+    if !is_enough(library, &drawn, &settled.starts) {
+        return Ok(Err((drawn, Rejection::NotContained)));
+    }
+    let drift = gates.any.then(|| drift(library, &settled));
+    if drift.is_some_and(|drift| drift > MOST_DRIFT * library.units.length) {
+        return Ok(Err((drawn, Rejection::Drift)));
+    }
+    let mut line = line(library, number, &drawn, &settled, gates)?;
+    line.proof.drift = drift.map(round);
+    if let (Some(target), Some(body)) = (&library.catalogue.settings.target, line.target)
+        && target.covered_by.is_some_and(|span| !span.holds(line.bodies[body].carries.len() as f64))
+    {
+        return Ok(Err((drawn, Rejection::Covered)));
+    }
+    if let Some(judge) = judge {
+        let moved = judge(&line)?;
+        if moved > MOST_ELSEWHERE {
+            return Ok(Err((drawn, Rejection::DriftInMujoco)));
+        }
+        line.proof.drift_mujoco = Some(round(moved));
+    }
+    Ok(Ok(line))
+}
+
+/// Whether as many bodies found room as the catalogue asks for, and the target is among them.
+fn is_enough(library: &Library, drawn: &Drawn, starts: &[Start]) -> bool {
+    let place = &library.places[drawn.place];
+    let has_target = drawn.target.is_none_or(|target| starts.iter().any(|start| start.drawn == target));
+    let least = match place.level {
+        Some(_) => 1,
+        None => {
+            place.count.or(library.catalogue.settings.count).map_or(drawn.bodies.len(), |span| span.ends()[0] as usize)
+        }
+    };
+    has_target && !starts.is_empty() && starts.len() >= least
+}
+
+fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates: Gates) -> Result<Line, String> {
+    let (world, starts) = (&settled.world, &settled.starts);
+    let index = |id: usize| settled.ids.binary_search(&id).ok();
+    let asked: &[usize] = if gates.removals { &settled.ids } else { &[] };
+    let found = forecast(world, &AnalysisOptions::default(), asked, false, &mut Silent).map_err(|e| e.to_string())?;
+    let mut rests_on = vec![Vec::new(); starts.len()];
+    for touch in &found.touches {
+        let (body, other) = (index(touch.body), touch.other.map(index));
+        let (Some(body), lift) = (body, touch.force[1]) else { continue };
+        match other {
+            None => rests_on[body].push(-1),
+            Some(Some(other)) if lift > 0.0 => rests_on[body].push(other as i64),
+            Some(Some(other)) if lift < 0.0 => rests_on[other].push(body as i64),
+            Some(_) => {}
+        }
+    }
+    let mut may_leave = vec![None; starts.len()];
+    for (id, removal) in &found.removals {
+        if let (Some(body), Some(removal)) = (index(*id), removal) {
+            may_leave[body] = (!removal.is_open).then_some(removal.is_safe);
+        }
+    }
+    let body = |(k, start): (usize, &Start)| {
+        let shape = &library.shapes[start.prop];
+        let center = world.units.pose_to_si(&world.pose(settled.ids[k]));
+        let Pose { translation, rotation } = shape.prop_pose(&center, start.scale);
+        let mut below = std::mem::take(&mut rests_on[k]);
+        below.sort_unstable();
+        below.dedup();
+        LineBody {
+            prop: start.prop,
+            label: library.labels[start.prop].clone(),
+            scale: round(start.scale),
+            position: translation.to_array().map(round),
+            rotation: rotation.normalize().to_array().map(round),
+            mass: significant(shape.mass * start.scale.powi(3)),
+            center_of_mass: (shape.center * start.scale).to_array().map(round),
+            inertia: inertia(shape.inertia, start.scale).map(significant),
+            rests_on: below,
+            carries: found.rest_on[settled.ids[k]].iter().filter_map(|&id| index(id)).collect(),
+            may_leave: may_leave[k],
+        }
+    };
+    let bodies = starts.iter().enumerate().map(body).collect();
+    Ok(Line {
+        layout: number,
+        rejected: BTreeMap::new(),
+        place: library.places[drawn.place].label.clone(),
+        place_number: drawn.place,
+        arrangement: drawn.arrangement,
+        pose: drawn.pose,
+        bodies,
+        proof: Proof { at_rest: true, contained: true, overlap: round(settled.overlap), ..Proof::default() },
+        target: drawn.target.and_then(|target| starts.iter().position(|start| start.drawn == target)),
+        failed: None,
+    })
+}
+
+/// Inertia about the center of mass along a body's own axes: xx, yy, zz, xy, xz, yz.
+pub fn inertia((principal, turn): (glam::DVec3, glam::DQuat), scale: f64) -> [f64; 6] {
+    let axes = DMat3::from_quat(turn);
+    let m = axes * DMat3::from_diagonal(principal * scale.powi(5)) * axes.transpose();
+    [m.x_axis.x, m.y_axis.y, m.z_axis.z, m.y_axis.x, m.z_axis.x, m.z_axis.y]
+}
+
+/// To nanometers: what is less is rounding of the engine.
+pub fn round(value: f64) -> f64 {
+    (value * 1e9).round() / 1e9 + 0.0
+}
+
+/// To seven digits.
+pub fn significant(value: f64) -> f64 {
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
