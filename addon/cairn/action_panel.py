@@ -48,6 +48,9 @@ def draw(layout, context, settings):
         draw_sentences(box, context, problems())
     elif running.plan:
         draw_folded(layout, context, wording.gathered(running.plan["warnings"], running.names))
+        scale = running.plan.get("fitting_scale", 0.0)
+        if 0.0 < scale < 1.0:
+            layout.operator("cairn.fit_props", text=f"Scale Props to {scale:.0%}", icon="FULLSCREEN_EXIT").scale = scale
 
 
 def problems():

@@ -4,7 +4,7 @@ import concurrent.futures
 import time
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import EnumProperty, FloatProperty, StringProperty
 from bpy.types import Operator
 
 from . import estimates, job, preferences, preview, request, running
@@ -116,6 +116,22 @@ class _Waits:
         if self.answer:
             self.answer.cancel()
         self._leave(context)
+
+
+class CAIRN_OT_fit_props(Operator):
+    """Scale all props by this factor: so large, they also fill the parts of the shape that are too thin for them now"""
+
+    bl_idname = "cairn.fit_props"
+    bl_label = "Scale Props"
+    bl_options = {"REGISTER", "UNDO"}
+
+    scale: FloatProperty(name="Scale", default=1.0, min=0.01, max=100.0)
+
+    def execute(self, context):
+        settings = context.scene.cairn
+        for item in settings.props if settings.prop_source == "LIST" else [settings.prop_common]:
+            item.scale_min, item.scale_max = item.scale_min * self.scale, item.scale_max * self.scale
+        return {"FINISHED"}
 
 
 class CAIRN_OT_check(_Waits, Operator):
@@ -296,6 +312,7 @@ CLASSES = [
     CAIRN_OT_use_selected,
     CAIRN_OT_add_props,
     CAIRN_OT_remove_prop,
+    CAIRN_OT_fit_props,
     CAIRN_OT_check,
     CAIRN_OT_select,
     CAIRN_OT_test_server,

@@ -144,6 +144,27 @@ def test_check_tells_what_a_bake_would_do(desk, addon):
     assert 5 < plan["body_count"] < 100 and plan["step_count"] > 0
 
 
+def test_a_button_scales_the_props_until_thin_parts_fill(desk, addon):
+    # A trunk, and two limbs that are thinner than any stick is wide.
+    trunk = cuboid("trunk", (1.2, 1.2, 1.2), location=(0, 0, 0.6))
+    for side in (-1, 1):
+        limb = cuboid(f"limb {side}", (0.8, 0.2, 0.2), location=(side, 0, 0.6))
+        join = trunk.modifiers.new("Join", "BOOLEAN")
+        join.operation, join.object = "UNION", limb
+        limb.hide_render = True
+    desk.settings.control_mesh = trunk
+    desk.add_stick(size=(0.24, 0.24, 0.24))
+    assert bpy.ops.cairn.check() == {"FINISHED"}
+    scale = addon("running").plan["fitting_scale"]
+    assert 0.3 < scale < 0.95
+    common = desk.settings.prop_common
+    before = common.scale_min, common.scale_max
+    assert bpy.ops.cairn.fit_props(scale=scale) == {"FINISHED"}
+    assert (common.scale_min, common.scale_max) == pytest.approx([scale * size for size in before])
+    assert bpy.ops.cairn.check() == {"FINISHED"}
+    assert not 0.0 < addon("running").plan["fitting_scale"] < 1.0, "all of it is filled"
+
+
 def test_check_tells_what_each_accuracy_costs(desk, addon, monkeypatch):
     desk.add_stick()
     running, panels = addon("running"), addon("panels")

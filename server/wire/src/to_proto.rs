@@ -3,6 +3,7 @@
 pub use crate::parameters::{signed, to_scene as params};
 use crate::proto;
 use cairn_files::problem::Problem;
+use cairn_geometry::thickness::Part;
 use cairn_input::observer::{Progress, State};
 use cairn_input::params::{Accuracy, Params};
 use cairn_prepare::effects::Effect;
@@ -63,6 +64,17 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         warnings: notes.iter().chain(&plan.warnings).cloned().collect(),
         estimates: estimates.iter().map(estimate).collect(),
         most_result_bytes: signed(most_bytes),
+        thin_parts: plan.thin_parts.iter().map(thin_part).collect(),
+        fitting_scale: plan.fitting_scale,
+    }
+}
+
+fn thin_part(part: &Part) -> proto::ThinPart {
+    proto::ThinPart {
+        center: part.center.to_vec(),
+        size: part.size.to_vec(),
+        volume_share: part.share,
+        thickness: part.thickness,
     }
 }
 
