@@ -34,14 +34,14 @@ pub fn run(
     if stands && params.control.until.is_none() && params.control.stand != Switch::On && sim.pile.control.is_on() {
         sim.pile.withdraw_control(LAG);
     }
-    let mut carriers = Carriers::find(&sim.pile.world);
+    let mut carriers = Carriers::default();
     for layer in layers {
         sim.pile.counters.layers += 1;
         let waits = |id: &BodyId| sim.pile.world.bodies()[*id].role == Role::Waiting;
         let layer: Vec<BodyId> = layer.into_iter().filter(waits).collect();
         layer.into_iter().for_each(|id| sim.pile.release(id));
         for _ in 0..interval {
-            let lost = carriers.lost(&sim.pile.world);
+            let lost = carriers.lost(&mut sim.pile);
             sim.pile.counters.released_early += lost.len() as u64;
             lost.into_iter().for_each(|id| sim.pile.release(id));
             sim.advance(observer, Stage::Release, |sim| sim.pile.step as f64 / total as f64)?;

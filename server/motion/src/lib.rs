@@ -9,6 +9,7 @@
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+pub mod carried;
 pub mod control;
 mod events;
 mod frame_publisher;

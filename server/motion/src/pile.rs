@@ -1,5 +1,6 @@
 //! A pile in release or hold: its world, its bodies, and actions on it from outside.
 
+use super::carried::Carried;
 use super::control::PileControl;
 use super::glue::PileGlue;
 use super::instance::Instance;
@@ -36,6 +37,8 @@ pub struct Pile<'a> {
     pub glue: PileGlue,
     pub withdrawal: Withdrawal,
     pub motion: Motion,
+    /// What carries the bodies that do not move.
+    pub carried: Carried,
     pub recorder: Recorder,
     /// Steps since turning over.
     pub step: u64,
@@ -71,6 +74,7 @@ impl<'a> Pile<'a> {
             glue: PileGlue::default(),
             withdrawal: Withdrawal::default(),
             motion: Motion::default(),
+            carried: Carried::default(),
             recorder,
             step: 0,
             latest_event: 0,

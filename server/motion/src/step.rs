@@ -238,11 +238,11 @@ impl<'a> Simulation<'a> {
 
     fn record(&mut self, observer: &mut dyn Observer, stage: Stage) {
         self.pile.step += 1;
-        let Pile { recorder, world, motion, .. } = &mut self.pile;
+        let Pile { recorder, world, motion, carried, .. } = &mut self.pile;
         let before = recorder.count();
         recorder.step(world);
         if recorder.count() > before {
-            motion.hanging.look(world);
+            motion.hanging.look(world, carried);
         }
         self.show(observer, stage);
     }
