@@ -78,7 +78,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     fn of(seed: Option<i64>, path: &str) -> BakeSpec {
-        let control = ControlMesh { path: path.into(), ..Default::default() };
+        let control = ControlMesh { path: path.into() };
         let scene = Scene { seed, control_mesh: Some(control), ..Default::default() };
         BakeSpec { scene: Some(scene), ..Default::default() }
     }
