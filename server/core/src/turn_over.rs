@@ -66,10 +66,10 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     let left = inputs.bodies.iter().enumerate().filter(|(id, _)| out.binary_search(id).is_err());
     let left: Vec<Instance> = left.map(|(_, body)| *body).collect();
     let mut sim = with_bodies(&TurnOverInputs { bodies: &left, ..*inputs })?;
-    let (bodies, them) = if out.len() == 1 { ("body was", "it") } else { ("bodies were", "them") };
+    let bodies = if out.len() == 1 { "body was" } else { "bodies were" };
     sim.pile.notes.push(format!(
-        "{} {bodies} left out, since no chain of meshes that touch led from {them} to what stands: smaller props reach \
-         further into thin parts",
+        "{} {bodies} left out, since no chain of meshes that touch led from what would hover to what stands: smaller \
+         props reach further into thin parts",
         out.len()
     ));
     Ok(sim)

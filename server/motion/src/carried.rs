@@ -6,8 +6,8 @@ use cairn_geometry::pose::Pose;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Gap up to which a contact carries, as a share of the thinner one's thickness: less is hardly seen, and piles settle by
-/// about as much when their lower layers begin to move.
+/// Gap up to which a contact carries, as a share of the thinner one's thickness: less is hardly seen, and piles settle
+/// by about as much when their lower layers begin to move.
 const CARRIES: f64 = 0.1;
 /// Contacts of a body are computed again once it, or what it touches, has moved by this share of its thickness.
 const MOVED: f64 = 0.02;
@@ -17,12 +17,21 @@ const LEAST_SHARE: usize = 64;
 /// The contacts of bodies that do not move.
 #[derive(Debug, Default)]
 pub struct Carried {
-    /// Of each body: where it was when it was looked at, and its contacts.
-    contacts: BTreeMap<BodyId, (Pose, Vec<Bearing>)>,
+    contacts: BTreeMap<BodyId, Contacts>,
     /// Those of them that touch another body, by that body, with the place that it had then.
     touching: BTreeMap<BodyId, (Pose, BTreeSet<BodyId>)>,
     /// Bodies looked at so far.
     pub looks: u64,
+}
+
+/// The contacts of a body.
+#[derive(Debug)]
+struct Contacts {
+    /// Where it was when it was looked at.
+    pose: Pose,
+    bearings: Vec<Bearing>,
+    /// It touches scenery that moves, which may leave it.
+    is_on_moving: bool,
 }
 
 impl Carried {
@@ -32,7 +41,7 @@ impl Carried {
             let body = &world.bodies()[id];
             !world.is_present(id) || seen.moved(&world.pose(id), body.radius) > MOVED * body.thickness
         };
-        self.contacts.retain(|&id, (seen, _)| !has_moved(id, seen));
+        self.contacts.retain(|&id, contacts| !contacts.is_on_moving && !has_moved(id, &contacts.pose));
         let moved = self.touching.iter().filter(|(id, (seen, _))| has_moved(**id, seen));
         let moved: Vec<BodyId> = moved.map(|(id, _)| *id).collect();
         for (_, touching) in moved.iter().filter_map(|id| self.touching.remove(id)) {
@@ -47,7 +56,8 @@ impl Carried {
             // Whatever is in this list is near enough.
             let bearings = pairs.iter().flat_map(|pair| pair.bearings(world));
             let bearings = bearings.map(|bearing| Bearing { gap: 0.0, ..bearing }).collect();
-            self.contacts.insert(id, (world.pose(id), bearings));
+            let is_on_moving = pairs.iter().any(|pair| pair.b == PairSide::Moving);
+            self.contacts.insert(id, Contacts { pose: world.pose(id), bearings, is_on_moving });
             for pair in pairs {
                 let PairSide::Body(b) = pair.b else { continue };
                 let other = if b == id { pair.a } else { b };
@@ -69,7 +79,8 @@ impl Carried {
             End::Body(id) if !followed[id] && carries(id) => End::Fixed,
             end => end,
         };
-        let contacts = self.contacts.iter().filter(|(id, _)| followed[**id]).flat_map(|(_, (_, contacts))| contacts);
+        let contacts =
+            self.contacts.iter().filter(|(id, _)| followed[**id]).flat_map(|(_, contacts)| &contacts.bearings);
         let contacts: Vec<Bearing> = contacts.map(|c| Bearing { a: end(c.a), b: end(c.b), ..*c }).collect();
         contact::hanging(&followed, &contacts, 1.0)
     }
