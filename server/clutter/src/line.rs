@@ -4,7 +4,7 @@ use crate::Library;
 use crate::arrange::{Start, arrange};
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::{Drawn, draw, numbers};
-use crate::settle::{MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, settle};
+use crate::settle::{LEAST_PUSH, MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, push, settle};
 use cairn_analysis::{AnalysisOptions, forecast};
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
@@ -68,6 +68,8 @@ pub struct Proof {
     pub contained: bool,
     /// Largest overlap of two collision shapes, m.
     pub overlap: f64,
+    /// Each body stands a push to any side by this share of its weight, by statics; null: it was not tried.
+    pub push: Option<f64>,
     /// Largest way of a body in 2 s of our own trial, m; null: it was not tried.
     pub drift: Option<f64>,
     /// The same in MuJoCo.
@@ -154,12 +156,17 @@ fn attempt_at(
     if !is_enough(library, &drawn, &settled.starts) {
         return Ok(Err((drawn, Rejection::NotContained)));
     }
+    let push = gates.any.then(|| push(&settled));
+    if push.is_some_and(|push| push < LEAST_PUSH) {
+        return Ok(Err((drawn, Rejection::Tips)));
+    }
     let drift = gates.any.then(|| drift(library, &settled));
     if drift.is_some_and(|drift| drift > MOST_DRIFT * library.units.length) {
         return Ok(Err((drawn, Rejection::Drift)));
     }
     let mut line = line(library, number, &drawn, &settled, gates)?;
     line.proof.drift = drift.map(round);
+    line.proof.push = push.map(round);
     if let (Some(target), Some(body)) = (&library.catalogue.settings.target, line.target)
         && target.covered_by.is_some_and(|span| !span.holds(line.bodies[body].carries.len() as f64))
     {
