@@ -2,9 +2,9 @@
 //!
 //! Engines differ most in friction: that of MuJoCo yields, so that a body that leans on friction creeps. Hence bodies
 //! settle with next to none, and on ground that tilts a little to four sides in between: what could roll or tip has
-//! done so. Then statics asks whether each body stands a small push to any side: one whose center of mass is right above
-//! an edge of what it stands on tips where contacts yield. The trial asks whether they also rest on contacts as soft as
-//! theirs.
+//! done so. Then statics asks whether each body stands a small push to any side: one whose center of mass is right
+//! above an edge of what it stands on tips where contacts yield. The trial asks whether they also rest on contacts as
+//! soft as theirs.
 
 use crate::Library;
 use crate::arrange::Start;
