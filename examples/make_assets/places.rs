@@ -50,20 +50,16 @@ pub fn hills() -> Asset {
 
 /// An open box of sheet steel, 1.2 x 0.8 x 0.7 m inside.
 pub fn bin() -> Asset {
-    let [half_x, half_z, wall, high] = [0.6, 0.4, 0.02, 0.72];
-    let (out_x, out_z) = (half_x + wall, half_z + wall);
-    let mut asset = Asset::default();
-    asset.cuboid([-out_x, 0.0, -out_z], [out_x, wall, out_z], "paint");
-    asset.cuboid([-out_x, wall, -out_z], [out_x, high, -half_z], "paint");
-    asset.cuboid([-out_x, wall, half_z], [out_x, high, out_z], "paint");
-    asset.cuboid([-out_x, wall, -half_z], [-half_x, high, half_z], "paint");
-    asset.cuboid([half_x, wall, -half_z], [out_x, high, half_z], "paint");
-    asset
+    open_box([0.6, 0.4, 0.02, 0.72])
 }
 
 /// A tray, 0.56 x 0.4 m inside, 0.1 m deep.
 pub fn tray() -> Asset {
-    let [half_x, half_z, wall, high] = [0.28, 0.2, 0.01, 0.11];
+    open_box([0.28, 0.2, 0.01, 0.11])
+}
+
+/// Half of the inner width and depth, thickness of walls and floor, and height.
+fn open_box([half_x, half_z, wall, high]: [f64; 4]) -> Asset {
     let (out_x, out_z) = (half_x + wall, half_z + wall);
     let mut asset = Asset::default();
     asset.cuboid([-out_x, 0.0, -out_z], [out_x, wall, out_z], "paint");

@@ -104,7 +104,7 @@ pub fn make(library: &Library, number: u64, gates: Gates, mut judge: Option<Judg
     let counts: Vec<String> = rejected.iter().map(|(why, count)| format!("{}: {count}", name_of(*why))).collect();
     let failed = format!("no attempt of {} was a layout ({})", library.catalogue.attempts(), counts.join(", "));
     let drawn = last.expect("there is at least one attempt");
-    Ok(Line { rejected, ..empty(library, number, &drawn, failed) })
+    Ok(Line { rejected, failed: Some(failed), ..empty(library, number, &drawn) })
 }
 
 /// The name of a reason in lines.
@@ -112,8 +112,8 @@ pub fn name_of(why: Rejection) -> String {
     serde_json::to_value(why).ok().and_then(|name| name.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
-/// A line without a layout.
-fn empty(library: &Library, number: u64, drawn: &Drawn, failed: String) -> Line {
+/// A line without bodies.
+fn empty(library: &Library, number: u64, drawn: &Drawn) -> Line {
     Line {
         layout: number,
         rejected: BTreeMap::new(),
@@ -124,14 +124,14 @@ fn empty(library: &Library, number: u64, drawn: &Drawn, failed: String) -> Line 
         bodies: Vec::new(),
         proof: Proof::default(),
         target: None,
-        failed: Some(failed),
+        failed: None,
     }
 }
 
 /// The line of a layout whose process ended, or took too long.
 pub fn lost(library: &Library, number: u64, why: &str) -> Line {
     let drawn = draw(library, number, &mut numbers(library.catalogue.seed(), number, 0));
-    empty(library, number, &drawn, why.to_owned())
+    Line { failed: Some(why.to_owned()), ..empty(library, number, &drawn) }
 }
 
 type Attempt = Result<Line, (Drawn, Rejection)>;
@@ -240,16 +240,10 @@ fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates:
     };
     let bodies = starts.iter().enumerate().map(body).collect();
     Ok(Line {
-        layout: number,
-        rejected: BTreeMap::new(),
-        place: library.places[drawn.place].label.clone(),
-        place_number: drawn.place,
-        arrangement: drawn.arrangement,
-        pose: drawn.pose,
         bodies,
         proof: Proof { at_rest: true, contained: true, overlap: round(settled.overlap), ..Proof::default() },
         target: drawn.target.and_then(|target| starts.iter().position(|start| start.drawn == target)),
-        failed: None,
+        ..empty(library, number, drawn)
     })
 }
 
