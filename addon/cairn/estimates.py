@@ -39,6 +39,8 @@ def take(answer):
         "warnings": list(plan.warnings),
         # How many times as large props fill the thin parts of the shape, too; 0 where no size is known.
         "fitting_scale": getattr(plan, "fitting_scale", 0.0),
+        # The match with the shape that is expected; 0 where it is not known.
+        "match": getattr(plan, "expected_match", 0.0),
         "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
         "dots": {names[estimate.accuracy]: getattr(estimate, "glue_dots", 0.0) for estimate in plan.estimates},
         "kept": {

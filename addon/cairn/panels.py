@@ -195,6 +195,9 @@ def draw_sizes(layout, settings):
         value.prop(settings.fill, "count", text="")
     else:
         value.label(text=f"about {count}" if count else "as many as fit")
+        share = running.plan.get("match", 0.0) if running.plan else 0.0
+        if share > 0.0:
+            layout.row(heading="Match").label(text=f"about {share:.0%} of the shape")
     if settings.prop_source == "COLLECTION":
         row = layout.row()
         row.use_property_split = False

@@ -230,7 +230,8 @@ def test_an_estimate_that_was_begun_is_ended_although_nobody_looks(desk, addon, 
 
 def test_warnings_are_told_once_and_in_words(addon):
     gathered = addon("wording").gathered
-    tail = ": the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
+    tail = ": the mesh is open: its mass is computed from its collision shape, and its figures with its holes capped; "
+    tail += "close it for the exact ones"
     names = {"a.glb": "Rock", "b.glb": "Rock.001", "c: d": "c: d", "e": "Leaf"}
     texts = [uri + tail for uri in names] + ["a.glb" + tail]
     texts += ["3 bodies were still moving at the last frame; bake more frames, or raise hold.patience"] * 2

@@ -53,25 +53,29 @@ impl TurnOverInputs<'_, '_> {
 /// A body that has fallen this far below all of the scene, in d, can no longer hit anything.
 const FALL_DEPTH: f64 = 50.0;
 
-/// The pile right after turning over. A glued one is without bodies that would hover.
+/// The pile right after turning over. In a glued one, bodies that would hover have come down, or are left out.
 pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error> {
     let sim = with_bodies(inputs)?;
     if !inputs.resolved.is_on(EffectName::Glue) || inputs.bodies.is_empty() {
         return Ok(sim);
     }
-    let out = hovering::find(&sim.pile, inputs.bodies.len(), inputs);
-    if out.is_empty() {
+    let mended = hovering::mend(&sim.pile, inputs.bodies.len(), inputs);
+    if mended.bodies.is_empty() {
         return Ok(sim);
     }
-    let left = inputs.bodies.iter().enumerate().filter(|(id, _)| out.binary_search(id).is_err());
-    let left: Vec<Instance> = left.map(|(_, body)| *body).collect();
-    let mut sim = with_bodies(&TurnOverInputs { bodies: &left, ..*inputs })?;
-    let bodies = if out.len() == 1 { "body was" } else { "bodies were" };
-    sim.pile.notes.push(format!(
-        "{} {bodies} left out, since no chain of meshes that touch led from what would hover to what stands: smaller \
-         props reach further into thin parts",
-        out.len()
-    ));
+    let notes = sim.pile.notes;
+    let mut sim = with_bodies(&TurnOverInputs { bodies: &mended.bodies, ..*inputs })?;
+    sim.pile.notes = notes;
+    sim.pile.counters.hovering_lowered = mended.lowered as u64;
+    sim.pile.counters.hovering_left_out = mended.left_out as u64;
+    if mended.left_out > 0 {
+        let bodies = if mended.left_out == 1 { "body was" } else { "bodies were" };
+        sim.pile.notes.push(format!(
+            "{} {bodies} left out, since no chain of meshes that touch led from what would hover to what stands: \
+             smaller props reach further into thin parts",
+            mended.left_out
+        ));
+    }
     Ok(sim)
 }
 

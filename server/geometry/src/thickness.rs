@@ -32,6 +32,8 @@ pub struct LocalThickness {
     points: Vec<DVec3>,
     /// The largest ball that holds each of them.
     balls: Vec<Ball>,
+    /// Their distances from the surface, ascending, m.
+    depths: Vec<f64>,
     /// Mean distance of the points, m.
     spacing: f64,
 }
@@ -68,8 +70,10 @@ impl LocalThickness {
             touching.iter().filter(holds).fold(*own, larger)
         };
         let balls = points.iter().zip(&touching).map(largest).collect();
+        let mut depths: Vec<f64> = points.iter().map(|&point| region.nearest(point).1).collect();
+        depths.sort_by(f64::total_cmp);
         let spacing = libm::cbrt(region.volume() / points.len().max(1) as f64);
-        LocalThickness { points, balls, spacing }
+        LocalThickness { points, balls, depths, spacing }
     }
 
     /// At a point, m.
@@ -83,6 +87,17 @@ impl LocalThickness {
             0 => 1.0,
             n => (0..n).filter(|&i| self.thickness(i) >= thickness).count() as f64 / n as f64,
         }
+    }
+
+    /// Share of the volume that is no farther from the surface than that, m. 0 without samples.
+    pub fn share_within(&self, depth: f64) -> f64 {
+        self.depths.partition_point(|&d| d <= depth) as f64 / self.depths.len().max(1) as f64
+    }
+
+    /// The distance from the surface, m, within which that share of the volume lies. 0 without samples.
+    pub fn depth_of_share(&self, share: f64) -> f64 {
+        let place = (share.clamp(0.0, 1.0) * self.depths.len() as f64) as usize;
+        self.depths.get(place.min(self.depths.len().saturating_sub(1))).copied().unwrap_or(0.0)
     }
 
     /// The parts that are thinner than that, m.

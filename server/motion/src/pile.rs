@@ -23,6 +23,9 @@ pub struct PileCounters {
     pub layers: u64,
     /// Bodies released before their layer.
     pub released_early: u64,
+    /// Bodies of a pile that is to be glued that came down until they touched another one, and those left out.
+    pub hovering_lowered: u64,
+    pub hovering_left_out: u64,
     pub bouncing_bodies: u64,
     pub bodies_emitted: u64,
     /// Awake bodies, summed over the steps.

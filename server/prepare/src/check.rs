@@ -353,7 +353,8 @@ fn prop_mesh(
     }
     if !size.closed {
         warnings.push(format!(
-            "{name}: the mesh is open: its mass is computed from its collision shape; close it for the exact mass"
+            "{name}: the mesh is open: its mass is computed from its collision shape, and its figures with its holes \
+             capped; close it for the exact ones"
         ));
     }
     let filled = scene.control.as_ref().filter(|_| scene.is_filled(params) && prop.weight != 0.0);

@@ -23,3 +23,4 @@ pub mod surroundings;
 #[cfg(test)]
 #[path = "../../testing/messages.rs"]
 mod testing;
+mod thin;

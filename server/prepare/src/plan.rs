@@ -1,12 +1,11 @@
 //! The plan of a bake: its stages, effects and warnings, before anything runs.
 
-use crate::check::{CheckedScene, ROUNDED, least_extents, mean_thickness};
+use crate::check::CheckedScene;
 use crate::effects::{Effect, EffectName, Resolved};
 use crate::packing::{self, BodyRange, Room, expected_bodies};
+use crate::thin::Thin;
 use cairn_geometry::ClosedMesh;
-use cairn_geometry::interior::MeshInterior;
-use cairn_geometry::thickness::{LocalThickness, Part, describe_parts};
-use cairn_input::error::counted;
+use cairn_geometry::thickness::Part;
 use cairn_input::observer::Stage;
 use cairn_input::params::{Accuracy, EntranceKind, Params};
 use cairn_input::scene::Scene;
@@ -34,9 +33,12 @@ pub struct Plan {
     /// Parts of the control mesh that are too thin for the props: they stay empty.
     #[serde(default)]
     pub thin_parts: Vec<Part>,
-    /// At this times their size, the props reach into all of them that they can reach with [`MOST_TO_FIT`] bodies.
+    /// Times their size at which the props fill these parts and match the shape, as far as 3,000 bodies can.
     #[serde(default)]
     pub fitting_scale: Option<f64>,
+    /// `shape_iou` that is expected when the shape is filled.
+    #[serde(default)]
+    pub expected_match: Option<f64>,
     /// Sentences for a person: open props, a control mesh below the ground, ...
     pub warnings: Vec<String>,
 }
@@ -69,7 +71,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
             range.low, range.high
         )
     });
-    let thin = Thin::new(scene, params, checked, fill_bodies);
+    let thin = Thin::new(scene, params, checked, fill_bodies, fullness(params));
     let steps = release_steps(scene, params, checked);
     Plan {
         most_frames: most_frames(steps * params.physics.step.seconds(checked.characteristic_time(params)), params),
@@ -83,53 +85,7 @@ pub fn of(scene: &Scene, params: &Params, checked: &CheckedScene, resolved: &Res
         warnings: checked.warnings.iter().cloned().chain(limited).chain(mixed).chain(thin.warning(scene)).collect(),
         thin_parts: thin.parts,
         fitting_scale: thin.fitting_scale,
-    }
-}
-
-/// A control mesh that is thicker than so many props in the mean is not looked at from place to place.
-const THICK: f64 = 8.0;
-/// Smaller props are recommended if no more bodies than this would fit.
-const MOST_TO_FIT: f64 = 3000.0;
-
-/// Parts of the control mesh that the props are too thick for.
-#[derive(Default)]
-struct Thin {
-    parts: Vec<Part>,
-    fitting_scale: Option<f64>,
-}
-
-impl Thin {
-    /// `bodies`: that the fill will place.
-    fn new(scene: &Scene, params: &Params, checked: &CheckedScene, bodies: usize) -> Thin {
-        let fills = checked.core.is_none() && params.fill.count.is_none();
-        let Some(control) = checked.filled(scene, params).filter(|_| fills) else { return Thin::default() };
-        // In a limb, props are aligned with it: their second extent must fit.
-        let width = least_extents(scene, &checked.sizes).y;
-        if mean_thickness(control) > THICK * width {
-            return Thin::default();
-        }
-        let (local, needed) = (LocalThickness::new(&MeshInterior::new(&control.mesh)), ROUNDED * width);
-        let parts = local.thinner(needed);
-        let least = libm::cbrt(bodies as f64 / MOST_TO_FIT);
-        let scales = parts.iter().map(|part| part.thickness / needed).filter(|scale| *scale >= least);
-        let fitting_scale = scales.reduce(f64::min);
-        Thin { parts, fitting_scale }
-    }
-
-    fn warning(&self, scene: &Scene) -> Option<String> {
-        let name = &scene.control.as_ref()?.name;
-        let share: f64 = self.parts.iter().map(|part| part.share).sum();
-        // Smaller ones would be too many.
-        let size = self.fitting_scale.map_or("smaller".into(), |scale| format!("{scale:.2} times as large"));
-        let parts = counted(self.parts.len(), "part is", "parts are");
-        (!self.parts.is_empty()).then(|| {
-            format!(
-                "{name}: {parts} too thin for these props, {:.0} % of its volume: {}; what they cannot reach stays \
-                 empty: use props that are {size}, or a thicker shape",
-                100.0 * share,
-                describe_parts(&self.parts)
-            )
-        })
+        expected_match: thin.expected_match,
     }
 }
 

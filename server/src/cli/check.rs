@@ -111,6 +111,9 @@ pub fn describe(plan: &Plan, notes: &[String], expected: Option<&Estimate>, has_
             format!("{:.0} to {:.0}, depending on the shape", (dots / 4.0).ceil(), (2.0 * dots).ceil()),
         );
     }
+    if let Some(expected) = plan.expected_match {
+        line("match with the shape", format!("about {:.0} % when it is filled", 100.0 * expected));
+    }
     if let Some([low, _, high]) = expected.and_then(|expected| expected.kept_shape) {
         line("kept shape", format!("{:.0} to {:.0} % in 8 of 10 bakes", 100.0 * low, 100.0 * high));
     }

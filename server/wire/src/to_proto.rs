@@ -66,6 +66,7 @@ pub fn plan(plan: &Plan, notes: &[String], estimates: &[Estimate], params: &Para
         most_result_bytes: signed(most_bytes),
         thin_parts: plan.thin_parts.iter().map(thin_part).collect(),
         fitting_scale: plan.fitting_scale,
+        expected_match: plan.expected_match,
     }
 }
 

@@ -63,6 +63,8 @@ pub fn counts(inputs: &ReportInputs, sim: &Simulation, freed_steps: u64) -> BTre
         (Count::PropsSplit, of_kind(|kind| kind == ShapeKind::Parts)),
         (Count::ReleaseLayers, pile_counters.layers),
         (Count::ReleasedEarly, pile_counters.released_early),
+        (Count::HoveringLowered, pile_counters.hovering_lowered),
+        (Count::HoveringLeftOut, pile_counters.hovering_left_out),
         (Count::SceneryPieces, scene.statics.len() as u64),
         (Count::BodiesPlaced, scene.bodies.len() as u64),
         (Count::BodiesEmitted, pile_counters.bodies_emitted),

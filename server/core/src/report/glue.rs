@@ -47,14 +47,16 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
     // A moment in weights times the radius of the median prop, d/2.
     let moment = |dot: &Joint| dot.moment.length() * 2.0;
     let largest = |values: &[f64]| (!values.is_empty()).then(|| values.iter().copied().fold(0.0, f64::max));
-    let anchored = glued.joints.iter().filter(|dot| dot.b.is_none()).count();
+    let at_ground = || glued.joints.iter().filter(|dot| dot.b.is_none());
+    let pull: f64 = at_ground().map(|dot| (-dot.force.y).max(0.0)).sum();
     BTreeMap::from([
         ("touches", Some(glued.contact_pairs as f64)),
         ("glue_dots_least", Some(glued.at_least as f64)),
         ("glued_touch_fraction", Some(glued.joints.len() as f64 / glued.contact_pairs.max(1) as f64)),
         ("glued_body_fraction", Some(touched.len() as f64 / count)),
         ("glue_cluster_max", Some(sim.pile.glue.tally.cluster_max as f64)),
-        ("anchored", Some(anchored as f64)),
+        ("anchored", Some(at_ground().count() as f64)),
+        ("ground_pull_rel", Some(pull / count)),
         ("glue_force_max", largest(&forces)),
         ("glue_force_p50", (!forces.is_empty()).then(|| measure::percentile(&forces, 0.5))),
         ("glue_moment_max", largest(&glued.joints.iter().map(moment).collect::<Vec<_>>())),

@@ -26,7 +26,21 @@ fn whole(value: f64) -> String {
 }
 
 /// Figure, limit, and what is said of it; `{}` is its value. The guide's page of measures states each limit.
-const LIMITS: [(&str, Limit, Shown, &str); 11] = [
+const LIMITS: [(&str, Limit, Shown, &str); 13] = [
+    (
+        "foot_load",
+        Above(300.0),
+        whole,
+        "few bodies carry the pile: {} for each at the ground; a wider foot is believed: cut the shape lower, raise \
+         base.height, or use smaller props",
+    ),
+    (
+        "ground_pull_rel",
+        Above(0.1),
+        plain,
+        "glue at the ground pulls the pile down with {} of its weight, so that it does not tip over: a wider foot, or \
+         one below its middle, is believed",
+    ),
     (
         "kept_shape",
         Below(0.7),
@@ -124,6 +138,20 @@ mod tests {
         says_only("when all is well", &warnings(&at_limits), &[]);
         assert!(warnings(&at_limits.keys().map(|name| (*name, None)).collect()).is_empty());
         let cases = [
+            (
+                "when few carry the pile",
+                "foot_load",
+                412.0,
+                "few bodies carry the pile: 412 for each at the ground; a wider foot is believed: cut the shape \
+                 lower, raise base.height, or use smaller props",
+            ),
+            (
+                "when the pile would tip over",
+                "ground_pull_rel",
+                0.4,
+                "glue at the ground pulls the pile down with 0.40 of its weight, so that it does not tip over: a \
+                 wider foot, or one below its middle, is believed",
+            ),
             (
                 "when the pile has slumped",
                 "kept_shape",

@@ -11,7 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 const TOUCHING: f64 = 0.005;
 
 /// The names of the figures.
-const NAMES: [&str; 8] = [
+const NAMES: [&str; 9] = [
+    "foot_load",
     "hanging_visible",
     "visible_cut_share",
     "visible_depth_mean_rel",
@@ -63,6 +64,7 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
         carried.contains(&present[i]) || inputs.params.ground && height <= gap * thickness[i]
     });
     let values = [
+        (!carried.is_empty()).then(|| present.len() as f64 / carried.len() as f64),
         Some(hanging.len() as f64),
         Some(found.cut_share),
         Some(found.depth_mean),

@@ -1,11 +1,12 @@
 //! Bodies that would hover: glue may hold them, but no chain of visible meshes that touch leads from them to what
-//! stands. A few such bodies are left out of the pile.
+//! stands. They come down until they touch; a few that do not reach anything are left out of the pile.
 
 use super::TurnOverInputs;
 use cairn_engine::world::World;
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::measure::Sight;
 use cairn_geometry::mesh::TriMesh;
+use cairn_motion::instance::Instance;
 use cairn_motion::pile::Pile;
 use std::collections::BTreeSet;
 
@@ -14,23 +15,71 @@ use std::collections::BTreeSet;
 const MOST: f64 = 0.02;
 /// Bodies move a little until they rest: here the gap is this share of what may be seen in the end.
 const NARROWER: f64 = 0.8;
+/// What comes down stops at this share of that gap.
+const CLOSE: f64 = 0.5;
+/// A group comes down as a whole by so much of its thinnest body's thickness at most: farther, it would leave its place.
+const FARTHEST: f64 = 0.5;
 
-/// Which of the first bodies, `filled` of them, are to be left out, ascending. The pile waits where it starts.
-pub fn find(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Vec<usize> {
+/// What is done about bodies that would hover.
+#[derive(Default)]
+pub struct Mended {
+    /// All bodies of the fill that stay, engine units; empty: as they are.
+    pub bodies: Vec<Instance>,
+    pub lowered: usize,
+    pub left_out: usize,
+}
+
+/// Of the first bodies, `filled` of them, those that hover come down or are left out. The pile waits where it starts.
+pub fn mend(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Mended {
     let units = inputs.units;
     let bodies: Vec<_> = (pile.instances.iter())
         .map(|b| (b.prop, b.scale, inputs.shapes[b.prop].prop_pose(&units.pose_to_si(&b.pose), b.scale)))
         .collect();
     let thickness: Vec<f64> = bodies.iter().map(|&(prop, scale, _)| inputs.shapes[prop].thickness() * scale).collect();
     let meshes: Vec<&TriMesh> = inputs.scene.props.iter().map(|p| &p.model.mesh).collect();
-    let sight = Sight::new(&meshes, &bodies, &thickness);
+    let mut sight = Sight::new(&meshes, &bodies, &thickness);
     let gap = NARROWER * inputs.params.accuracy.traits().visible_contact;
+    let ground = inputs.params.ground.then_some(inputs.ground);
     let fixed = carried_by_fixed(&pile.world);
-    let hovering = sight.hanging(gap, |i| {
-        fixed.contains(&i) || inputs.params.ground && sight.lowest(i) - inputs.ground <= gap * thickness[i]
-    });
-    let are_few = hovering.len() as f64 <= (MOST * filled as f64).max(1.0);
-    if are_few && hovering.iter().all(|&id| id < filled) { hovering } else { Vec::new() }
+    let hovering = |sight: &Sight| {
+        let is_on = |i: usize, ground: f64| sight.lowest(i) - ground <= gap * thickness[i];
+        sight.hanging(gap, |i| fixed.contains(&i) || ground.is_some_and(|ground| is_on(i, ground)))
+    };
+    let mut left = hovering(&sight);
+    // What meets a group that hovers, too, comes down with it.
+    while !left.is_empty() && left.iter().all(|&id| id < filled) {
+        let mut has_moved = false;
+        for group in sight.groups(&left, gap) {
+            let farthest = FARTHEST * group.iter().map(|&i| thickness[i]).fold(f64::INFINITY, f64::min);
+            let before = group.iter().map(|&i| sight.lowered()[i]).fold(0.0, f64::max);
+            let down = sight.way_down(&group, CLOSE * gap, ground, farthest - before);
+            if let Some(down) = down.filter(|down| *down > 0.0) {
+                sight.lower(&group, down);
+                has_moved = true;
+            }
+        }
+        let still = hovering(&sight);
+        if !has_moved || still.len() >= left.len() {
+            left = still;
+            break;
+        }
+        left = still;
+    }
+    let are_few = left.len() as f64 <= (MOST * filled as f64).max(1.0) && left.iter().all(|&id| id < filled);
+    let out = if are_few { left } else { Vec::new() };
+    let lowered = sight.lowered();
+    let mut mended = Mended { lowered: lowered.iter().filter(|by| **by > 0.0).count(), ..Mended::default() };
+    if mended.lowered + out.len() == 0 {
+        return mended;
+    }
+    mended.left_out = out.len();
+    for (id, mut body) in pile.instances[..filled].iter().copied().enumerate() {
+        body.pose.translation.y -= lowered[id] / units.length;
+        if out.binary_search(&id).is_err() {
+            mended.bodies.push(body);
+        }
+    }
+    mended
 }
 
 /// Bodies that touch scenery, or stand.

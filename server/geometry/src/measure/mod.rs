@@ -128,8 +128,8 @@ impl ShapeMeasures {
         for (i, solid) in self.solids.iter().enumerate() {
             let Some(solid) = solid else { continue };
             let source = match solid.source {
-                SolidSource::Closed => None,
-                SolidSource::Capped => Some("the mesh is open: it is measured with its holes capped"),
+                // That a mesh is open was said before the bake.
+                SolidSource::Closed | SolidSource::Capped => None,
                 SolidSource::Hull => Some("the mesh encloses next to no volume: its convex hull is measured instead"),
                 SolidSource::Plate => Some("the mesh is flat: a plate of 2 % of its diameter is measured instead"),
             };

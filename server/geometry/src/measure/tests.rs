@@ -310,11 +310,7 @@ fn each_caveat_has_its_cause() {
             with(&|m| m.shape_iou.beyond = 2),
             &["2 bodies lie beyond the grid of shape_iou: counted by volume"],
         ),
-        (
-            "when a prop is open",
-            of(SolidSource::Capped),
-            &["prop: the mesh is open: it is measured with its holes capped"],
-        ),
+        ("when a prop is open", of(SolidSource::Capped), &[]),
         (
             "when a prop is of sheets",
             of(SolidSource::Hull),

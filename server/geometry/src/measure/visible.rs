@@ -75,6 +75,8 @@ pub struct Sight<'a> {
     bodies: &'a [(usize, f64, Pose)],
     /// Of each body, m.
     thickness: &'a [f64],
+    /// By how much each body was lowered.
+    lowered: Vec<f64>,
     /// One for each prop that a body has.
     surfaces: Vec<Option<Surface>>,
     near: Neighbourhood,
@@ -86,7 +88,8 @@ impl<'a> Sight<'a> {
         let used: BTreeSet<usize> = bodies.iter().map(|b| b.0).collect();
         let surface = |i: usize| used.contains(&i).then(|| Surface::new(props[i]));
         let surfaces: Vec<Option<Surface>> = (0..props.len()).into_par_iter().map(surface).collect();
-        let mut sight = Sight { bodies, thickness, surfaces, near: Neighbourhood::new(Vec::new()) };
+        let lowered = vec![0.0; bodies.len()];
+        let mut sight = Sight { bodies, thickness, lowered, surfaces, near: Neighbourhood::new(Vec::new()) };
         sight.near = sight.neighbourhood(REAL_CONTACT);
         sight
     }
@@ -107,7 +110,8 @@ impl<'a> Sight<'a> {
 
     fn map(&self, i: usize) -> DAffine3 {
         let (_, scale, pose) = self.bodies[i];
-        DAffine3::from_scale_rotation_translation(DVec3::splat(scale), pose.rotation, pose.translation)
+        let at = pose.translation - DVec3::Y * self.lowered[i];
+        DAffine3::from_scale_rotation_translation(DVec3::splat(scale), pose.rotation, at)
     }
 
     /// In the frame of the first one: the other's place, and the thickness of the thinner one.
@@ -120,9 +124,15 @@ impl<'a> Sight<'a> {
     /// The bodies that no chain of neighbours joins to one that is carried: each of a chain is no farther from the next
     /// one than `gap` of the thinner one's thickness, mesh from mesh. Ascending.
     pub fn hanging(&self, gap: f64, is_carried: impl Fn(usize) -> bool) -> Vec<usize> {
-        let near = self.neighbourhood(gap);
         let mut joined: Vec<bool> = (0..self.bodies.len()).map(is_carried).collect();
-        let mut front: Vec<usize> = (0..joined.len()).filter(|&i| joined[i]).collect();
+        let front: Vec<usize> = (0..joined.len()).filter(|&i| joined[i]).collect();
+        self.join(&self.neighbourhood(gap), gap, front, &mut joined);
+        (0..joined.len()).filter(|&i| !joined[i]).collect()
+    }
+
+    /// Follows chains of neighbours from these bodies through all that are not joined yet, and returns those found.
+    fn join(&self, near: &Neighbourhood, gap: f64, mut front: Vec<usize>, joined: &mut [bool]) -> Vec<usize> {
+        let mut found = Vec::new();
         while let Some(i) = front.pop() {
             for j in near.of(i) {
                 let pair = [i.min(j), i.max(j)];
@@ -133,10 +143,82 @@ impl<'a> Sight<'a> {
                 if !joined[j] && meet() {
                     joined[j] = true;
                     front.push(j);
+                    found.push(j);
                 }
             }
         }
-        (0..joined.len()).filter(|&i| !joined[i]).collect()
+        found
+    }
+
+    /// These bodies in groups, each joined by such chains within it; the lowest group first.
+    pub fn groups(&self, bodies: &[usize], gap: f64) -> Vec<Vec<usize>> {
+        let near = self.neighbourhood(gap);
+        let mut joined = vec![true; self.bodies.len()];
+        bodies.iter().for_each(|&i| joined[i] = false);
+        let mut groups = Vec::new();
+        for &first in bodies {
+            if !std::mem::replace(&mut joined[first], true) {
+                let mut group = vec![first];
+                group.extend(self.join(&near, gap, vec![first], &mut joined));
+                groups.push(group);
+            }
+        }
+        let low = |group: &Vec<usize>| group.iter().map(|&i| self.lowest(i)).fold(f64::INFINITY, f64::min);
+        groups.sort_by(|a, b| low(a).total_cmp(&low(b)));
+        groups
+    }
+
+    /// How far down a group can go as a whole until it meets another body, mesh from mesh no farther than `gap` of the
+    /// thinner one's thickness, or the ground at this height, m; `None`: farther than `farthest`, m. It meets nothing on
+    /// its way: each step is as long as the shortest distance (conservative advancement, Mirtich 1996).
+    pub fn way_down(&self, group: &[usize], gap: f64, ground: Option<f64>, farthest: f64) -> Option<f64> {
+        let is_in = |i: usize| group.contains(&i);
+        let reached = |i: usize| {
+            let (lo, hi) = self.of(i).bounds(&self.map(i));
+            let reach = DVec3::splat(gap * self.thickness[i]);
+            (if is_in(i) { lo - DVec3::Y * farthest } else { lo } - reach, hi + reach)
+        };
+        let near = Neighbourhood::new((0..self.bodies.len()).map(reached).collect());
+        let others = |i: usize| near.of(i).into_iter().filter(|&j| !is_in(j)).map(move |j| [i, j]);
+        let pairs: Vec<[usize; 2]> = group.iter().flat_map(|&i| others(i)).collect();
+        let low = group.iter().map(|&i| (self.lowest(i), self.thickness[i]));
+        let low = low.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+        let mut down = 0.0;
+        while down < farthest {
+            let mut step = farthest - down;
+            if let Some(ground) = ground {
+                let left = low.0 - down - ground;
+                if left <= gap * low.1 {
+                    return Some(down);
+                }
+                step = step.min(left);
+            }
+            for &pair in &pairs {
+                let ((mut between, unit), scale) = (self.between(pair), self.bodies[pair[0]].1);
+                // The other one rises as the group goes down.
+                let own = self.map(pair[0]).inverse();
+                between.translation += own.transform_vector3(DVec3::Y * down);
+                let [one, other] = pair.map(|i| self.of(i));
+                let Some(left) = one.distance(other, &between, (step / scale).max(gap * unit)) else { continue };
+                if left <= gap * unit {
+                    return Some(down);
+                }
+                step = step.min(left * scale);
+            }
+            down += step;
+        }
+        None
+    }
+
+    /// Lowers a group, m.
+    pub fn lower(&mut self, group: &[usize], by: f64) {
+        group.iter().for_each(|&i| self.lowered[i] += by);
+        self.near = self.neighbourhood(REAL_CONTACT);
+    }
+
+    /// By how much each body was lowered, m.
+    pub fn lowered(&self) -> &[f64] {
+        &self.lowered
     }
 
     /// The height of a body's lowest point.
@@ -256,5 +338,27 @@ mod tests {
         assert_eq!(sight.hanging(REAL_CONTACT, |i| i == 4), [0, 1, 2]);
         assert_eq!(sight.hanging(REAL_CONTACT, |_| false), [0, 1, 2, 3, 4]);
         assert!((sight.lowest(0) + 0.1).abs() < ROUNDING && (sight.lowest(1) + 0.08).abs() < ROUNDING);
+    }
+
+    #[test]
+    fn a_group_comes_down_until_it_meets_something() {
+        let cube = cube();
+        let at = |x: f64, y: f64| (0, 0.2, Pose { translation: DVec3::new(x, y, 0.0), ..Pose::IDENTITY });
+        // Two cubes side by side over a third one, a gap of 0.05 below them, and one that is far from all.
+        let bodies = [at(0.0, 0.0), at(0.05, 0.25), at(0.252, 0.25), at(3.0, 1.0)];
+        let mut sight = Sight::new(&[&cube], &bodies, &[0.2; 4]);
+        let hanging = sight.hanging(REAL_CONTACT, |i| i == 0);
+        assert_eq!(hanging, [1, 2, 3]);
+        let groups = sight.groups(&hanging, REAL_CONTACT);
+        assert_eq!(groups, [vec![1, 2], vec![3]], "the lowest first");
+        let down = sight.way_down(&groups[0], 0.01, Some(-0.1), 0.1).expect("it meets the third cube");
+        assert!((0.048 - ROUNDING..=0.05).contains(&down), "{down}");
+        assert_eq!(sight.way_down(&groups[0], 0.01, Some(-0.1), 0.04), None, "it may not go so far");
+        assert_eq!(sight.way_down(&groups[1], 0.01, None, 0.5), None, "nothing is below");
+        let to_ground = sight.way_down(&groups[1], 0.01, Some(0.7), 0.5).expect("the ground is below");
+        assert!((0.198 - ROUNDING..=0.2 + ROUNDING).contains(&to_ground), "{to_ground}");
+        sight.lower(&groups[0], down);
+        assert_eq!(sight.hanging(REAL_CONTACT, |i| i == 0), [3]);
+        assert_eq!(sight.lowered(), [0.0, down, down, 0.0]);
     }
 }

@@ -56,6 +56,8 @@ pub enum Count {
     HeldAtRest,
     HeldPeak,
     HoldsBroken,
+    HoveringLeftOut,
+    HoveringLowered,
     ImpactLooks,
     NailsBroken,
     NailsDriven,

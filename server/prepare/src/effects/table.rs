@@ -63,12 +63,14 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         true => yes("the container is filled upside down"),
         false => no("there is no fill"),
     }),
-    row(Glue, ByValue("glue.mode"), &[GlueIterations, GlueDots, GlueClusters], |c| match c.glue_bound {
-        0.0 if c.params.glue.mode == GlueMode::Natural => no("the scene asks for a natural pile"),
-        0.0 if c.params.glue.strength == Some(0.0) => no("glue.strength is 0"),
-        0.0 => no("glue.mode is auto, and no filled pile is held"),
-        f64::INFINITY => yes("bodies are glued where friction cannot carry them: the pile stands as modelled"),
-        most => yes(format!("bodies are glued where joints of at most {most} weights carry them; the others fall")),
+    row(Glue, ByValue("glue.mode"), &[GlueIterations, GlueDots, GlueClusters, HoveringLowered, HoveringLeftOut], |c| {
+        match c.glue_bound {
+            0.0 if c.params.glue.mode == GlueMode::Natural => no("the scene asks for a natural pile"),
+            0.0 if c.params.glue.strength == Some(0.0) => no("glue.strength is 0"),
+            0.0 => no("glue.mode is auto, and no filled pile is held"),
+            f64::INFINITY => yes("bodies are glued where friction cannot carry them: the pile stands as modelled"),
+            most => yes(format!("bodies are glued where joints of at most {most} weights carry them; the others fall")),
+        }
     })
     .seconds(|spent| spent.of(Stage::Glue) - spent.glue_proof),
     row(GlueProof, ByValue("glue.proof"), &[GlueProofSteps], |c| {
