@@ -59,21 +59,21 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     if !inputs.resolved.is_on(EffectName::Glue) || inputs.bodies.is_empty() {
         return Ok(sim);
     }
-    let mended = hovering::mend(&sim.pile, inputs.bodies.len(), inputs);
-    if mended.bodies.is_empty() {
+    let landed = hovering::land(&sim.pile, inputs.bodies.len(), inputs);
+    if landed.bodies.is_empty() {
         return Ok(sim);
     }
     let notes = sim.pile.notes;
-    let mut sim = with_bodies(&TurnOverInputs { bodies: &mended.bodies, ..*inputs })?;
+    let mut sim = with_bodies(&TurnOverInputs { bodies: &landed.bodies, ..*inputs })?;
     sim.pile.notes = notes;
-    sim.pile.counters.hovering_lowered = mended.lowered as u64;
-    sim.pile.counters.hovering_left_out = mended.left_out as u64;
-    if mended.left_out > 0 {
-        let bodies = if mended.left_out == 1 { "body was" } else { "bodies were" };
+    sim.pile.counters.hovering_lowered = landed.lowered as u64;
+    sim.pile.counters.hovering_left_out = landed.left_out as u64;
+    if landed.left_out > 0 {
+        let bodies = if landed.left_out == 1 { "body was" } else { "bodies were" };
         sim.pile.notes.push(format!(
             "{} {bodies} left out, since no chain of meshes that touch led from what would hover to what stands: \
              smaller props reach further into thin parts",
-            mended.left_out
+            landed.left_out
         ));
     }
     Ok(sim)

@@ -22,7 +22,7 @@ const FARTHEST: f64 = 0.5;
 
 /// What is done about bodies that would hover.
 #[derive(Default)]
-pub struct Mended {
+pub struct Landed {
     /// All bodies of the fill that stay, engine units; empty: as they are.
     pub bodies: Vec<Instance>,
     pub lowered: usize,
@@ -30,7 +30,7 @@ pub struct Mended {
 }
 
 /// Of the first bodies, `filled` of them, those that hover come down or are left out. The pile waits where it starts.
-pub fn mend(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Mended {
+pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
     let units = inputs.units;
     let bodies: Vec<_> = (pile.instances.iter())
         .map(|b| (b.prop, b.scale, inputs.shapes[b.prop].prop_pose(&units.pose_to_si(&b.pose), b.scale)))
@@ -68,18 +68,18 @@ pub fn mend(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Mended {
     let are_few = left.len() as f64 <= (MOST * filled as f64).max(1.0) && left.iter().all(|&id| id < filled);
     let out = if are_few { left } else { Vec::new() };
     let lowered = sight.lowered();
-    let mut mended = Mended { lowered: lowered.iter().filter(|by| **by > 0.0).count(), ..Mended::default() };
-    if mended.lowered + out.len() == 0 {
-        return mended;
+    let mut landed = Landed { lowered: lowered.iter().filter(|by| **by > 0.0).count(), ..Landed::default() };
+    if landed.lowered + out.len() == 0 {
+        return landed;
     }
-    mended.left_out = out.len();
+    landed.left_out = out.len();
     for (id, mut body) in pile.instances[..filled].iter().copied().enumerate() {
         body.pose.translation.y -= lowered[id] / units.length;
         if out.binary_search(&id).is_err() {
-            mended.bodies.push(body);
+            landed.bodies.push(body);
         }
     }
-    mended
+    landed
 }
 
 /// Bodies that touch scenery, or stand.

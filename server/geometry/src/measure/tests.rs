@@ -243,7 +243,7 @@ fn open_and_flat_props_have_a_stated_solid() {
     assert!(volume(1) > 0.0 && volume(1) < 0.05, "{}", volume(1));
     // The hull of two crossed squares is a prism over a square of half the area.
     assert!((volume(2) - 0.5).abs() < 0.01, "{}", volume(2));
-    assert_eq!(m.caveats(|_| "prop").len(), 3, "{:?}", m.caveats(|_| "prop"));
+    assert_eq!(m.caveats(|_| "prop").len(), 2, "{:?}", m.caveats(|_| "prop"));
 }
 
 #[test]
