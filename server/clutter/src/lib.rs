@@ -25,9 +25,12 @@ pub mod arrange;
 pub mod assets;
 pub mod catalogue;
 pub mod draw;
+mod height_map;
 mod library;
 pub mod line;
 mod model;
+mod pile;
+mod proof;
 pub mod settle;
 mod surfaces;
 

@@ -4,8 +4,10 @@ use crate::Library;
 use crate::arrange::{Start, arrange};
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::{Drawn, draw, numbers};
-use crate::settle::{LEAST_PUSH, MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, push, settle};
+use crate::proof::MOST_ELSEWHERE;
+use crate::settle::{Rejection, Settled, settle};
 use cairn_analysis::{AnalysisOptions, forecast};
+use cairn_engine::world::BodyId;
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
 use glam::DMat3;
@@ -20,6 +22,8 @@ pub struct Line {
     pub layout: u64,
     /// Attempts before it that were no layouts, by reason.
     pub rejected: BTreeMap<Rejection, u32>,
+    /// Bodies that were there and are not: they left, or were taken away with what rested on them; by reason.
+    pub taken_away: BTreeMap<Rejection, u32>,
     /// Label of the place, and its number in the catalogue.
     pub place: String,
     pub place_number: usize,
@@ -117,6 +121,7 @@ fn empty(library: &Library, number: u64, drawn: &Drawn) -> Line {
     Line {
         layout: number,
         rejected: BTreeMap::new(),
+        taken_away: BTreeMap::new(),
         place: library.places[drawn.place].label.clone(),
         place_number: drawn.place,
         arrangement: drawn.arrangement,
@@ -146,27 +151,14 @@ fn attempt_at(
     let mut rng = numbers(library.catalogue.seed(), number, attempt);
     let drawn = draw(library, number, &mut rng);
     let starts = arrange(library, &drawn, &mut rng);
-    if !is_enough(library, &drawn, &starts) {
+    if !is_enough(&drawn, &starts) {
         return Ok(Err((drawn, Rejection::NoRoom)));
     }
-    let settled = match settle(library, drawn.place, &starts) {
+    let settled = match settle(library, &drawn, &starts, gates.any) {
         Ok(settled) => settled,
         Err(why) => return Ok(Err((drawn, why))),
     };
-    if !is_enough(library, &drawn, &settled.starts) {
-        return Ok(Err((drawn, Rejection::NotContained)));
-    }
-    let push = gates.any.then(|| push(&settled));
-    if push.is_some_and(|push| push < LEAST_PUSH) {
-        return Ok(Err((drawn, Rejection::Tips)));
-    }
-    let drift = gates.any.then(|| drift(library, &settled));
-    if drift.is_some_and(|drift| drift > MOST_DRIFT * library.units.length) {
-        return Ok(Err((drawn, Rejection::Drift)));
-    }
-    let mut line = line(library, number, &drawn, &settled, gates)?;
-    line.proof.drift = drift.map(round);
-    line.proof.push = push.map(round);
+    let mut line = line(library, number, &settled, gates)?;
     if let (Some(target), Some(body)) = (&library.catalogue.settings.target, line.target)
         && target.covered_by.is_some_and(|span| !span.holds(line.bodies[body].carries.len() as f64))
     {
@@ -183,22 +175,18 @@ fn attempt_at(
 }
 
 /// Whether as many bodies found room as the catalogue asks for, and the target is among them.
-fn is_enough(library: &Library, drawn: &Drawn, starts: &[Start]) -> bool {
-    let place = &library.places[drawn.place];
+fn is_enough(drawn: &Drawn, starts: &[Start]) -> bool {
     let has_target = drawn.target.is_none_or(|target| starts.iter().any(|start| start.drawn == target));
-    let least = match place.level {
-        Some(_) => 1,
-        None => {
-            place.count.or(library.catalogue.settings.count).map_or(drawn.bodies.len(), |span| span.ends()[0] as usize)
-        }
-    };
-    has_target && !starts.is_empty() && starts.len() >= least
+    has_target && starts.len() >= drawn.range[0]
 }
 
-fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates: Gates) -> Result<Line, String> {
-    let (world, starts) = (&settled.world, &settled.starts);
-    let index = |id: usize| settled.ids.binary_search(&id).ok();
-    let asked: &[usize] = if gates.removals { &settled.ids } else { &[] };
+fn line(library: &Library, number: u64, settled: &Settled, gates: Gates) -> Result<Line, String> {
+    let Settled { pile, overlap, push, drift } = settled;
+    let (world, drawn) = (&pile.world, pile.drawn);
+    let ids: Vec<BodyId> = world.present().collect();
+    let starts: Vec<Start> = ids.iter().map(|&id| pile.starts[id]).collect();
+    let index = |id: usize| ids.binary_search(&id).ok();
+    let asked: &[usize] = if gates.removals { &ids } else { &[] };
     let found = forecast(world, &AnalysisOptions::default(), asked, false, &mut Silent).map_err(|e| e.to_string())?;
     let mut rests_on = vec![Vec::new(); starts.len()];
     for touch in &found.touches {
@@ -219,7 +207,7 @@ fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates:
     }
     let body = |(k, start): (usize, &Start)| {
         let shape = &library.shapes[start.prop];
-        let center = world.units.pose_to_si(&world.pose(settled.ids[k]));
+        let center = world.units.pose_to_si(&world.pose(ids[k]));
         let Pose { translation, rotation } = shape.prop_pose(&center, start.scale);
         let mut below = std::mem::take(&mut rests_on[k]);
         below.sort_unstable();
@@ -234,14 +222,22 @@ fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates:
             center_of_mass: (shape.center * start.scale).to_array().map(round),
             inertia: inertia(shape.inertia, start.scale).map(significant),
             rests_on: below,
-            carries: found.rest_on[settled.ids[k]].iter().filter_map(|&id| index(id)).collect(),
+            carries: found.rest_on[ids[k]].iter().filter_map(|&id| index(id)).collect(),
             may_leave: may_leave[k],
         }
     };
     let bodies = starts.iter().enumerate().map(body).collect();
     Ok(Line {
         bodies,
-        proof: Proof { at_rest: true, contained: true, overlap: round(settled.overlap), ..Proof::default() },
+        taken_away: pile.away.clone(),
+        proof: Proof {
+            at_rest: true,
+            contained: true,
+            overlap: round(*overlap),
+            push: push.map(round),
+            drift: drift.map(round),
+            drift_mujoco: None,
+        },
         target: drawn.target.and_then(|target| starts.iter().position(|start| start.drawn == target)),
         ..empty(library, number, drawn)
     })
