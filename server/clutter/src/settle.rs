@@ -19,8 +19,9 @@ use glam::DVec3;
 const PATIENCE: f64 = 50.0;
 /// It rests once no body has moved for this long, characteristic times.
 const REST_TIME: f64 = 1.0;
-/// On a place without walls, bodies have landed once all have been slower than this, d per characteristic time, for so
-/// many steps, or after so many characteristic times.
+/// On a place without walls, bodies have landed once all but this share have been slower than this, d per
+/// characteristic time, for so many steps, or after so many characteristic times. What rolls may roll on.
+const STILL_FAST: f64 = 0.06;
 const SLOW: f64 = 0.1;
 const SLOW_STEPS: u64 = 6;
 const LANDING: f64 = 20.0;
@@ -91,7 +92,7 @@ pub fn settle<'a>(
     pile.world.zero_step();
     if !is_walled {
         // Nothing else keeps what rolls and slides on a table.
-        until_slow(&mut pile.world)?;
+        until_slow(&mut pile)?;
         use_friction(library, drawn.place, &mut pile.world, most);
     }
     pile.world.roll_freely();
@@ -196,15 +197,21 @@ fn tilt(world: &mut World) -> Result<(), Rejection> {
     Ok(())
 }
 
-/// Until bodies have landed.
-fn until_slow(world: &mut World) -> Result<(), Rejection> {
-    let most = (LANDING / world.step_length()).ceil() as u64;
+/// Until nearly all bodies have landed.
+fn until_slow(pile: &mut Pile) -> Result<(), Rejection> {
+    let most = (LANDING / pile.world.step_length()).ceil() as u64;
     let mut slow = 0;
-    for _ in 0..most {
-        if !world.step().is_empty() {
+    for step in 0..most {
+        if !pile.world.step().is_empty() {
             return Err(Rejection::NotContained);
         }
-        slow = if world.present().all(|id| world.speed(id) < SLOW) { slow + 1 } else { 0 };
+        if step % LOOK == 0 {
+            // One that falls past the place would never be slow.
+            pile.forget_left()?;
+        }
+        let world = &pile.world;
+        let fast = world.present().filter(|&id| world.speed(id) >= SLOW).count();
+        slow = if fast as f64 <= STILL_FAST * pile.count() as f64 { slow + 1 } else { 0 };
         if slow >= SLOW_STEPS {
             break;
         }
