@@ -9,7 +9,7 @@
 //! ```text
 //!   catalogue, seed, n  ->  draw  ->  arrange  ->  settle  ->  trial  ->  line n
 //!                            ^                                   |
-//!                            +---- with the next attempt --------+  moved, fell, overlaps, buries its target
+//!                            +---- with the next attempt --------+  moved, fell, overlaps, buries its target, looks wrong
 //! ```
 //!
 //! It must never know a process, a clock or which layouts were made before: a line is a function of the catalogue with
@@ -33,6 +33,7 @@ mod pile;
 mod proof;
 pub mod settle;
 mod surfaces;
+mod view;
 
 pub use catalogue::Catalogue;
 pub use library::Library;

@@ -102,6 +102,12 @@ impl Pile<'_> {
         self.remove(&spare, &pairs)
     }
 
+    /// The body that is looked for, in the order of those that are there.
+    pub fn target(&self) -> Option<usize> {
+        let target = self.drawn.target?;
+        self.world.present().position(|id| self.starts[id].drawn == target)
+    }
+
     /// Bodies that are there.
     pub fn count(&self) -> usize {
         self.world.present().count()
@@ -127,9 +133,8 @@ impl Pile<'_> {
     fn check(&self, why: Rejection) -> Result<(), Rejection> {
         let count = self.count();
         let away: u32 = self.away.values().sum();
-        let has_target = |target| self.world.present().any(|id| self.starts[id].drawn == target);
         let is_enough = count >= self.drawn.range[0] && f64::from(away) <= MOST_AWAY * self.starts.len() as f64;
-        if is_enough && self.drawn.target.is_none_or(has_target) { Ok(()) } else { Err(why) }
+        if is_enough && self.drawn.target.is_some() == self.target().is_some() { Ok(()) } else { Err(why) }
     }
 }
 
@@ -143,11 +148,21 @@ fn others(pair: &ContactPair, id: BodyId) -> Option<BodyId> {
 }
 
 /// Bodies that a body carries a part of.
-fn resting_on(id: BodyId, pairs: &[ContactPair]) -> impl Iterator<Item = BodyId> + '_ {
+pub fn resting_on(id: BodyId, pairs: &[ContactPair]) -> impl Iterator<Item = BodyId> + '_ {
     pairs.iter().filter_map(move |pair| {
         let other = others(pair, id)?;
         // The normals are into `a`.
         let sign = if pair.a == id { -1.0 } else { 1.0 };
         pair.points.iter().any(|point| sign * point.normal.y > CARRIES).then_some(other)
     })
+}
+
+/// All bodies that rest on a body, directly or through others; not itself.
+pub fn all_resting_on(id: BodyId, pairs: &[ContactPair]) -> BTreeSet<BodyId> {
+    let mut found = BTreeSet::new();
+    let mut open = vec![id];
+    while let Some(next) = open.pop() {
+        open.extend(resting_on(next, pairs).filter(|&other| other != id && found.insert(other)));
+    }
+    found
 }
