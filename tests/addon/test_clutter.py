@@ -8,7 +8,7 @@ import types
 import bpy
 import numpy as np
 import pytest
-from conftest import PROGRAM, ROOT
+from conftest import PROGRAM, ROOT, once
 from mathutils import Matrix, Quaternion, Vector
 
 CATALOG = ROOT / "examples/clutter/bin.toml"
@@ -37,6 +37,7 @@ def corners(root):
     return np.array([item.matrix_world @ corner.co for item in meshes for corner in item.data.vertices])
 
 
+@once
 def test_a_layout_is_shown(loader, tmp_path):
     command = [PROGRAM, "clutter", CATALOG, "-n", "2", "-o", tmp_path, "--sheet", "0", "--progress", "none"]
     subprocess.run(command, check=True)
