@@ -12,8 +12,10 @@ const PACKING: f64 = 0.4;
 /// Bodies of a layout where the catalogue does not say.
 const USUAL_COUNT: [f64; 2] = [10.0, 20.0];
 /// Share of the bodies that begin beyond those that are to stay, where nothing keeps them in: some leave, or are taken
-/// away. With 0.12, every second table of 50 was drawn again, since fewer than 50 were left.
+/// away. With 0.12, every second table of 50 was drawn again, since fewer than 50 were left; with 0.2, every third.
 const SPARE: f64 = 0.2;
+/// The same where bodies begin on each other.
+const SPARE_ON_OTHERS: f64 = 0.3;
 /// The same between walls, as far as the range of counts leaves no room below.
 const SPARE_IN_WALLS: f64 = 0.08;
 
@@ -84,7 +86,8 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
             let spare = |share: f64| (share * count as f64).ceil() as usize;
             let more = match found.surfaces.has_walls {
                 true => spare(SPARE_IN_WALLS).saturating_sub(count - range[0]),
-                false => spare(SPARE),
+                false if arrangement == Arrangement::Scattered => spare(SPARE),
+                false => spare(SPARE_ON_OTHERS),
             };
             bodies.extend((0..count + more).map(|_| next(rng)));
             (count, range)

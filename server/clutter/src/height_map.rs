@@ -216,3 +216,70 @@ fn shares_in(a: f64, b: f64, z: f64) -> impl Iterator<Item = f64> {
 fn common_divisor(a: usize, b: usize) -> usize {
     if b == 0 { a } else { common_divisor(b, a % b) }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cairn_engine::shape::hull_mesh;
+    use cairn_geometry::mesh::TriMesh;
+    use cairn_input::scene::{Model, StaticModel};
+
+    fn block(low: DVec3, high: DVec3) -> Vec<DVec3> {
+        (0..8).map(|i| DVec3::select(glam::BVec3::new(i & 1 > 0, i & 2 > 0, i & 4 > 0), high, low)).collect()
+    }
+
+    /// Boards of 1 m with their upper sides at these heights, m.
+    fn boards(tops: &[f64]) -> Surfaces {
+        let mut mesh = TriMesh::default();
+        for &top in tops {
+            mesh.append(&hull_mesh(&block(DVec3::new(0.0, top - 0.02, 0.0), DVec3::new(1.0, top, 1.0))));
+        }
+        Surfaces::new(&StaticModel { model: Model::new("boards", mesh), friction: 0.7, keys: Vec::new() }, 0.01)
+    }
+
+    fn cube(edge: f64) -> Vec<DVec3> {
+        block(DVec3::splat(-edge / 2.0), DVec3::splat(edge / 2.0))
+    }
+
+    #[test]
+    fn bodies_lie_side_by_side_while_there_is_room() {
+        let surfaces = boards(&[0.1]);
+        let mut map = HeightMap::new(&surfaces, 0.2, 0.0);
+        let mut places: Vec<[f64; 2]> = Vec::new();
+        let spot = loop {
+            let outline = map.outline(&cube(0.19), [0.3, 0.6]);
+            let n = places.len();
+            let spot = map.search(&outline, 0.001, 7919 * n, 104_729 * n).unwrap();
+            if !spot.is_free {
+                break spot;
+            }
+            assert!((spot.bottom - 0.101).abs() < 1e-9, "{spot:?}");
+            places.push(map.put(&outline, &spot));
+        };
+        // At random, about half of the area is covered before there is no room.
+        assert!((10..=25).contains(&places.len()), "{}", places.len());
+        for (k, one) in places.iter().enumerate() {
+            assert!(one.iter().all(|at| (0.095..=0.905).contains(at)), "{one:?} is beyond the edge");
+            for other in &places[k + 1..] {
+                let apart = (one[0] - other[0]).abs().max((one[1] - other[1]).abs());
+                assert!(apart >= 0.19, "{one:?} {other:?}");
+            }
+        }
+        assert!((spot.bottom - (0.101 + 0.19 + 0.001)).abs() < 1e-9, "on another: {spot:?}");
+        assert!(map.search(&map.outline(&cube(1.1), [0.5; 2]), 0.001, 0, 1).is_none(), "larger than the board");
+    }
+
+    #[test]
+    fn ceilings_and_edges_bound_where_a_body_begins() {
+        let surfaces = boards(&[0.1, 0.4]);
+        let map = HeightMap::new(&surfaces, 0.2, 0.1);
+        for k in 0..40 {
+            let high = map.search(&map.outline(&cube(0.35), [0.5; 2]), 0.001, 991 * k, 7).unwrap();
+            assert!(high.bottom > 0.4, "it does not fit below the upper board: {high:?}");
+            let outline = map.outline(&cube(0.2), [0.5; 2]);
+            let mut copy = HeightMap::new(&surfaces, 0.2, 0.1);
+            let place = copy.put(&outline, &map.search(&outline, 0.001, 991 * k, 7).unwrap());
+            assert!(place.iter().all(|at| (0.2..=0.8).contains(at)), "{place:?} is too near an edge");
+        }
+    }
+}

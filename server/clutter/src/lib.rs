@@ -3,8 +3,8 @@
 //!
 //! A [`Catalogue`] says which props and places there are, and what a layout may have. [`Library`] is all that is read
 //! and prepared once: collision shapes, worlds with their scenery, surfaces on which bodies may begin. Layout number n
-//! is then drawn ([`draw`]), put above its place ([`arrange`]), let fall until it rests and tried ([`settle`]), and
-//! becomes one [`Line`]:
+//! is then drawn ([`draw`]), put above its place ([`arrange`]), and let fall until it rests ([`settle`]); single bodies
+//! that do not stay go (`pile`, `proof`), a camera may look at it (`view`), and it becomes one [`Line`]:
 //!
 //! ```text
 //!   catalogue, seed, n  ->  draw  ->  arrange  ->  settle  ->  trial  ->  line n
@@ -25,6 +25,8 @@ pub mod arrange;
 pub mod assets;
 pub mod catalogue;
 pub mod draw;
+#[cfg(test)]
+mod example;
 mod height_map;
 mod library;
 pub mod line;

@@ -312,18 +312,7 @@ pub fn significant(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Catalogue;
-    use cairn_input::asset::Limits;
-    use std::path::Path;
-
-    const PROPS: &str = "count = [4, 6]\n[[props]]\npath = \"../assets/brick.glb\"\n\
-                         [[props]]\npath = \"../assets/bowl.glb\"\n[[places]]\npath = \"../assets/bin.glb\"\n";
-
-    fn library(settings: &str) -> Library {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/clutter/test.toml");
-        let catalogue = Catalogue::parse(&path, &format!("{settings}\n{PROPS}")).unwrap();
-        Library::read(catalogue, Limits::default()).map_err(|refused| refused.problems).unwrap()
-    }
+    use crate::example::library;
 
     fn make_all(library: &Library) -> Vec<Line> {
         let gates = Gates { any: true, removals: false };

@@ -166,3 +166,70 @@ pub fn all_resting_on(id: BodyId, pairs: &[ContactPair]) -> BTreeSet<BodyId> {
     }
     found
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::draw::{draw, numbers};
+    use crate::example::library;
+    use cairn_engine::shape::corners;
+    use cairn_geometry::mesh::bounds;
+    use cairn_geometry::pose::Pose;
+    use glam::{DQuat, DVec3};
+
+    /// Three bricks on each other, number 0 at the bottom, and eight that touch nothing.
+    fn pile<'a>(library: &'a Library, drawn: &'a Drawn) -> Pile<'a> {
+        let (low, high) = bounds(corners(&library.shapes[0], 1.0, &Pose::IDENTITY));
+        let size = high - low;
+        let start = |drawn: usize, at: DVec3| {
+            let pose = Pose { translation: at * size * 1.0001, rotation: DQuat::IDENTITY };
+            Start { drawn, prop: 0, scale: 1.0, pose }
+        };
+        let stack = (0..3).map(|k| start(k, DVec3::new(0.0, 2.0 + k as f64, 0.0)));
+        let aside = (3..11).map(|k| start(k, DVec3::new(0.0, 3.0 * k as f64, 0.0)));
+        let mut pile = Pile::new(library, drawn, &stack.chain(aside).collect::<Vec<_>>());
+        pile.world.zero_step();
+        pile
+    }
+
+    #[test]
+    fn what_rests_on_a_body_goes_with_it() {
+        let library = library("");
+        let drawn = Drawn { range: [2, 20], ..draw(&library, 0, &mut numbers(1, 0, 0)) };
+        let mut whole = pile(&library, &drawn);
+        let pairs = whole.world.contact_pairs(REAL_CONTACT);
+        assert_eq!(all_resting_on(0, &pairs), BTreeSet::from([1, 2]));
+        assert_eq!(all_resting_on(2, &pairs), BTreeSet::new());
+        assert_eq!(whole.take_away(&[(0, Rejection::Tips)]), Ok(false), "all that it touched is gone");
+        assert_eq!((whole.count(), &whole.away), (8, &BTreeMap::from([(Rejection::Tips, 3)])));
+        let mut top = pile(&library, &drawn);
+        assert_eq!(top.take_away(&[(2, Rejection::Drift)]), Ok(true), "one that it lay on is there");
+        assert_eq!((top.count(), top.away[&Rejection::Drift]), (10, 1));
+        assert_eq!(top.take_away(&[(3, Rejection::Drift), (4, Rejection::Drift)]), Ok(false));
+        assert_eq!(top.take_away(&[(5, Rejection::Tips)]), Err(Rejection::Tips), "too many");
+    }
+
+    #[test]
+    fn too_few_bodies_and_a_lost_target_are_no_layout() {
+        let library = library("target = { label = \"brick\" }");
+        let drawn = Drawn { range: [11, 20], target: Some(4), ..draw(&library, 0, &mut numbers(1, 0, 0)) };
+        assert_eq!(pile(&library, &drawn).take_away(&[(3, Rejection::Tips)]), Err(Rejection::Tips));
+        let drawn = Drawn { range: [2, 20], ..drawn };
+        assert_eq!(pile(&library, &drawn).take_away(&[(3, Rejection::Tips)]), Ok(false));
+        assert_eq!(pile(&library, &drawn).take_away(&[(4, Rejection::Tips)]), Err(Rejection::Tips));
+    }
+
+    #[test]
+    fn those_that_touch_no_other_are_spared_last_and_go_first() {
+        let library = library("");
+        let drawn = Drawn { range: [2, 20], target: Some(10), ..draw(&library, 0, &mut numbers(1, 0, 0)) };
+        let mut pile = pile(&library, &drawn);
+        assert!(!pile.take_spare(6, true));
+        let left: Vec<BodyId> = pile.world.present().collect();
+        assert_eq!(left, [0, 1, 2, 3, 4, 10], "the last drawn, but not the target");
+        assert!(!pile.take_spare(3, true));
+        assert_eq!(pile.count(), 4, "the stack stays, and the target");
+        assert!(pile.take_spare(3, false), "the top of the stack goes");
+        assert!(!pile.world.is_present(2) && pile.away.is_empty());
+    }
+}
