@@ -84,9 +84,9 @@ fn what_leaves_a_table_goes_alone_and_what_is_seen_is_told() {
         std::fs::copy(assets.join(name), desk.path(name)).unwrap();
     }
     let props = "[[props]]\npath = \"banana.glb\"\n[[props]]\npath = \"book.glb\"\n";
-    let text = format!("count = 24\narrangement = \"heaped\"\n{props}[[places]]\npath = \"desk.glb\"\n");
+    let text = format!("count = [12, 16]\narrangement = \"heaped\"\n{props}[[places]]\npath = \"desk.glb\"\n");
     desk.write("catalogue.toml", &text);
-    run(&desk, "-n 4 -o plain", "").ok();
+    run(&desk, "-n 3 -o plain", "").ok();
     let plain = lines(&self::text(&desk, "plain/layouts.jsonl"));
     let away = |line: &Value| -> u64 {
         line["taken_away"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum()
@@ -94,7 +94,7 @@ fn what_leaves_a_table_goes_alone_and_what_is_seen_is_told() {
     assert!(plain.iter().map(away).sum::<u64>() > 0, "bananas roll off");
     for line in &plain {
         assert_eq!((&line["failed"], &line["view"]), (&Value::Null, &Value::Null));
-        assert_eq!(line["bodies"].as_array().unwrap().len(), 24, "{line}");
+        assert!((12..=16).contains(&line["bodies"].as_array().unwrap().len()), "{line}");
     }
     desk.write("catalogue.toml", format!("target = {{ label = \"book\", visible = [0.3, 1] }}\ncamera = {{}}\n{text}"));
     run(&desk, "-n 2 -o seen", "").ok();
