@@ -26,7 +26,7 @@ import clutter  # noqa: E402
 import written  # noqa: E402
 
 KEPT = ROOT / "target/clutter"
-PROGRAM = ROOT / "target/release/cairn"
+PROGRAM = Path(os.environ.get("CAIRN_PROGRAM", ROOT / "target/release/cairn"))
 COLLECTION = Path(os.environ.get("CAIRN_COLLECTION", ROOT.parent / "shared/data")) / "object"
 # Files of the collection, and by how much they are scaled: some are larger than life.
 PROPS = [
@@ -132,7 +132,7 @@ def make(kind, count, number):
     """Layouts, and the CPU time of one and the memory of a process as the data card has them."""
     folder = KEPT / kind
     command = [PROGRAM, "clutter", catalogue(kind, count), "-n", str(number), "-o", folder]
-    done = subprocess.run([*command, "--progress", "none"], capture_output=True, text=True)
+    done = subprocess.run([*command, "--sheet", "6", "--progress", "none"], capture_output=True, text=True)
     notes = [line for line in done.stderr.splitlines() if not line.startswith("note: ")]
     print(done.stdout + "\n".join(notes), flush=True)
     card = (folder / "README.md").read_text()
@@ -143,6 +143,17 @@ def make(kind, count, number):
     words = kept.read_text().split()
     seconds, memory = float(words[words.index("CPU") - 1]), words[words.index("MB.") - 1]
     return list(clutter.read(folder, failed=True)), seconds, memory
+
+
+def drifts_of(path, layouts):
+    """The drift of each layout in MuJoCo, m; those that a file has are not measured again."""
+    kept = json.loads(path.read_text()) if path.exists() else {}
+    new = [layout for layout in layouts if str(layout.number) not in kept]
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        for layout, drift in zip(new, pool.map(clutter.mujoco_drift, new)):
+            kept[str(layout.number)] = drift
+    path.write_text(json.dumps(kept))
+    return [kept[str(layout.number)] for layout in layouts]
 
 
 def total(layouts, name):
@@ -163,8 +174,7 @@ def main():
         layouts, seconds, memory = make(kind, count, number)
         made = [layout for layout in layouts if not layout.line["failed"]]
         again = total(layouts, "rejected")
-        with ProcessPoolExecutor(os.cpu_count()) as pool:
-            drifts = sorted(pool.map(clutter.mujoco_drift, made))
+        drifts = sorted(drifts_of(KEPT / kind / "drifts.json", made))
         stand = sum(drift < ENOUGH for drift in drifts)
         bodies = statistics.mean(len(layout.bodies) for layout in made)
         away = sum(sum(layout.line["taken_away"].values()) for layout in made) / max(len(made), 1)
@@ -174,8 +184,8 @@ def main():
             f"| {1e3 * drifts[-1]:.2f} |"
         )
         print(rows[-1], again, total(made, "taken_away"), flush=True)
-    counts = " ".join(sys.argv[1:])
-    written.write_measured(PAGE, f"{HEAD.format(counts=counts)}{chr(10).join(rows)}\n")
+        counts = " ".join(sys.argv[1:])
+        written.write_measured(PAGE, f"{HEAD.format(counts=counts)}{chr(10).join(rows)}\n")
 
 
 if __name__ == "__main__":
