@@ -9,7 +9,7 @@
 //! ```text
 //!   catalogue, seed, n  ->  draw  ->  arrange  ->  settle  ->  trial  ->  line n
 //!                            ^                                   |
-//!                            +---- with the next attempt --------+  moved, fell, overlaps, buries its target, looks wrong
+//!                            +---- with the next attempt --------+  too few stay, or its looks are wrong
 //! ```
 //!
 //! It must never know a process, a clock or which layouts were made before: a line is a function of the catalogue with
