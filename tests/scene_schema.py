@@ -68,7 +68,18 @@ with tempfile.TemporaryDirectory() as folder:
     command = [cairn, "clutter", root / "examples/clutter/bin.toml", "-n", "3", "-o", folder, "--sheet", "0"]
     subprocess.run([*command, "--progress", "none"], capture_output=True, check=True)
     layouts = list(clutter.read(folder, failed=True))
-    for layout in layouts:
+    assert all(layout.visible is None and layout.overlap is None and layout.target is None for layout in layouts)
+    # The same with a camera and a target.
+    text = (root / "examples/clutter/bin.toml").read_text().replace("../assets", str(root / "examples/assets"))
+    looked = pathlib.Path(folder) / "looked"
+    looked.mkdir()
+    (looked / "bin.toml").write_text('camera = {}\ntarget = { label = "banana" }\n' + text)
+    command[2:7] = [looked / "bin.toml", "-n", "1", "-o", looked]
+    subprocess.run([*command, "--progress", "none"], capture_output=True, check=True)
+    (seen,) = clutter.read(looked)
+    assert len(seen.visible) == len(seen.bodies) and 0 <= seen.overlap <= 1
+    assert seen.labels[seen.target] == "banana" and seen.visible[seen.target] == seen.line["view"]["target"]
+    for layout in [*layouts, seen]:
         lines.validate(layout.line)
         assert len(layout.positions) == len(layout.labels) == len(layout.bodies)
         assert all(layout.prop(body)["solids"] for body in layout.bodies) and layout.place["solids"]

@@ -68,6 +68,22 @@ class Layout:
     def masses(self) -> Any:
         return _array([body["mass"] for body in self.bodies])
 
+    @property
+    def visible(self) -> Any:
+        """Share of each body's outline in the camera's picture that is seen, past other bodies and the place; `None`:
+        the catalogue has no camera. Shape [body]."""
+        return None if self.line["view"] is None else _array([body["visible"] for body in self.bodies])
+
+    @property
+    def overlap(self) -> float | None:
+        """Mean share of a body's outline in the camera's picture that other bodies hide; `None`: there is no camera."""
+        return None if self.line["view"] is None else float(self.line["view"]["overlap"])
+
+    @property
+    def target(self) -> int | None:
+        """The body that is looked for; its prop's label and its visible share are as those of all bodies."""
+        return None if self.line["target"] is None else int(self.line["target"])
+
     def prop(self, body: dict[str, Any]) -> dict[str, Any]:
         """Label, file, friction, mass and solids of a body's prop, at scale 1."""
         return dict(self.assets["props"][body["prop"]])

@@ -45,7 +45,7 @@ fn a_layout_is_the_same_whatever_else_is_made() {
     for (number, line) in all.iter().enumerate() {
         assert_eq!(line["layout"], number);
         assert_eq!((&line["failed"], &line["proof"]["at_rest"]), (&Value::Null, &Value::Bool(true)));
-        assert!(line["proof"]["push"].as_f64().unwrap() >= 0.02, "{line}");
+        assert!(line["proof"]["push"].as_f64().unwrap() >= 0.06, "{line}");
         assert!(line["proof"]["drift"].as_f64().unwrap() <= 0.002, "{line}");
         assert!(line["proof"]["overlap"].as_f64().unwrap() <= 0.001, "{line}");
         let bodies = line["bodies"].as_array().unwrap();
@@ -72,6 +72,42 @@ fn a_layout_is_the_same_whatever_else_is_made() {
         card.contains("6 layouts") && card.contains("| block |") && card.contains("| bin.glb | not stated |"),
         "{card}"
     );
+}
+
+/// A table without walls loses bodies: they are counted, the others stay, and there are as many as the catalogue asks
+/// for. Figures of the camera stand in the lines, in the card, and only where they are asked for.
+#[test]
+fn what_leaves_a_table_goes_alone_and_what_is_seen_is_told() {
+    let desk = desk();
+    let assets = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets");
+    for name in ["desk.glb", "banana.glb"] {
+        std::fs::copy(assets.join(name), desk.path(name)).unwrap();
+    }
+    let props = "[[props]]\npath = \"banana.glb\"\n[[props]]\npath = \"book.glb\"\n";
+    let text = format!("count = [12, 16]\narrangement = \"heaped\"\n{props}[[places]]\npath = \"desk.glb\"\n");
+    desk.write("catalogue.toml", &text);
+    run(&desk, "-n 3 -o plain", "").ok();
+    let plain = lines(&self::text(&desk, "plain/layouts.jsonl"));
+    let away = |line: &Value| -> u64 {
+        line["taken_away"].as_object().unwrap().values().map(|count| count.as_u64().unwrap()).sum()
+    };
+    assert!(plain.iter().map(away).sum::<u64>() > 0, "bananas roll off");
+    for line in &plain {
+        assert_eq!((&line["failed"], &line["view"]), (&Value::Null, &Value::Null));
+        assert!((12..=16).contains(&line["bodies"].as_array().unwrap().len()), "{line}");
+    }
+    desk.write("catalogue.toml", format!("target = {{ label = \"book\", visible = [0.3, 1] }}\ncamera = {{}}\n{text}"));
+    run(&desk, "-n 2 -o seen", "").ok();
+    for line in lines(&self::text(&desk, "seen/layouts.jsonl")) {
+        let target = &line["bodies"][line["target"].as_u64().unwrap() as usize];
+        assert_eq!(target["visible"], line["view"]["target"]);
+        assert!(
+            target["visible"].as_f64().unwrap() >= 0.3 && line["view"]["overlap"].as_f64().unwrap() > 0.0,
+            "{line}"
+        );
+    }
+    assert!(self::text(&desk, "seen/README.md").contains("share of the target that is seen"));
+    assert!(!self::text(&desk, "plain/README.md").contains("as the camera sees it"));
 }
 
 /// A process that is killed costs the layout that it made; its line says why.
@@ -123,6 +159,18 @@ fn problems_come_at_once() {
     desk.write("catalogue.toml", CATALOGUE.replace("book.glb", "gone.glb").replace("bin.glb", "lost.glb"));
     run(&desk, "-n 4 -o out", "").fails(65, &["gone.glb: no such file (props.1)", "lost.glb: no such file (places.0)"]);
     assert!(!desk.path("out").exists());
+    let camera = "camera = { position = [0, 1, 0], look_at = [0, 1, 0], field_of_view = 0 }\noverlap = [0.5, 0.2]\n";
+    let far = "camera = { position = [0, 1e9, 0] }\n";
+    desk.write("catalogue.toml", format!("{camera}{CATALOGUE}{far}"));
+    run(&desk, "-n 4 -o out", "").fails(
+        65,
+        &[
+            "camera.position: the camera looks at its own place",
+            "camera.field_of_view: 0 is out of range",
+            "overlap: 0.5 comes after 0.2",
+            "places.0.camera.position: it is too far away",
+        ],
+    );
     // A target that must be covered, and a level of the bin.
     let asks = CATALOGUE.replace("bin.glb\"", "bin.glb\"\nlevel = 0.01");
     desk.write("catalogue.toml", format!("target = {{ label = \"book\", covered_by = [0, 1] }}\n{asks}"));

@@ -343,6 +343,9 @@ pub fn shop() -> Desk {
     let places = "[[places]]\npath = \"brick.glb\"\n";
     desk.write("clutter.toml", format!("{catalogue}{places}"));
     desk.write("clutter-none.toml", catalogue);
+    let camera = "camera = { position = [0, 1, 0], look_at = [0, 1, 0] }\n";
+    let far = "camera = { look_at = [0, 1e9, 0] }\n";
+    desk.write("clutter-camera.toml", format!("{camera}{catalogue}{places}{far}"));
     desk.write("clutter-field.toml", format!("{catalogue}{places}wieght = 2\n"));
     desk
 }

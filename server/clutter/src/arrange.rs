@@ -1,24 +1,26 @@
 //! Where the bodies of a layout begin: above a surface of its place, apart from each other, as low as they find room,
 //! so that they fall a little and not far. SI.
 //!
-//! Each body counts as the box around it: a body goes on the highest box below it.
+//! Each body counts as what is below its outline: a body goes on the highest one below it.
 
 use crate::Library;
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::Drawn;
+use crate::height_map::{HeightMap, Spot};
 use crate::surfaces::Surfaces;
-use cairn_engine::shape::{Shape, corners};
+use cairn_engine::shape::{Shape, Solid, corners};
+use cairn_geometry::mesh::bounds;
 use cairn_geometry::pose::Pose;
 use glam::{DQuat, DVec3};
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use std::f64::consts::TAU;
 
-/// Spots at which a scattered body is tried; it takes the lowest. More spots make lower, wider layouts.
-const SCATTERED_SPOTS: usize = 12;
+/// Spots at which a stacked body is tried; it takes the lowest. More spots make lower, wider layouts.
+const STACKED_SPOTS: usize = 12;
 /// Spots of a body of a heap: with one it may begin high, with many the heap is none.
 const HEAPED_SPOTS: usize = 2;
-/// Draws until a body's box is above a surface.
+/// Spots of a heaped or stacked body that are drawn at most, before all are looked at.
 const DRAWS: usize = 60;
 /// Half the width of a heap, in that of its surface.
 const HEAP: f64 = 0.3;
@@ -42,12 +44,12 @@ pub struct Start {
     pub pose: Pose,
 }
 
-/// The box around a body that was put down.
+/// A body that was put down: its surface, and where it is on it.
 #[derive(Clone, Copy)]
 struct Taken {
-    low: DVec3,
-    high: DVec3,
     surface: usize,
+    /// x, z.
+    place: [f64; 2],
 }
 
 /// Where all bodies begin; those for which no room was found are left out.
@@ -55,45 +57,51 @@ pub fn arrange(library: &Library, drawn: &Drawn, rng: &mut Pcg64Mcg) -> Vec<Star
     let surfaces = &library.places[drawn.place].surfaces;
     let gap = GAP * library.units.length;
     let aside = if surfaces.has_walls { 0.0 } else { FROM_EDGE * library.units.length };
+    let mut map = HeightMap::new(surfaces, library.units.length, aside);
     let mut taken: Vec<Taken> = Vec::new();
     let mut starts = Vec::new();
     for (number, &(prop, scale)) in drawn.bodies.iter().enumerate() {
         let shape = &library.shapes[prop];
         let pose = if drawn.arrangement == Arrangement::Stacked { StartPose::Flat } else { drawn.pose };
         let rotation = rotation(shape, pose, rng);
-        let around = bounds(shape, scale, rotation);
-        let wanted = if drawn.arrangement == Arrangement::Heaped { HEAPED_SPOTS } else { SCATTERED_SPOTS };
-        let mut best: Option<(f64, DVec3, usize)> = None;
+        let about = Pose { translation: DVec3::ZERO, rotation };
+        let mut all: Vec<DVec3> = corners(shape, scale, &about).collect();
+        let (low, high) = bounds(all.iter().copied());
+        if matches!(shape.solid, Solid::Ball { .. }) {
+            // These six points leave out most of its outline.
+            all = [low, high]
+                .iter()
+                .flat_map(|one| [low, high].map(|other| DVec3::new(one.x, other.y, other.z)))
+                .collect();
+            all.extend([DVec3::new(low.x, low.y, high.z), DVec3::new(high.x, high.y, low.z)]);
+        }
+        let outline = map.outline(&all, [rng.random::<f64>(), rng.random::<f64>()]);
+        let wanted = match drawn.arrangement {
+            Arrangement::Scattered => 0,
+            Arrangement::Heaped => HEAPED_SPOTS,
+            Arrangement::Stacked => STACKED_SPOTS,
+        };
+        let mut best: Option<Spot> = None;
         let mut found = 0;
-        for draw in 0..DRAWS {
-            let (surface, [x, z]) = spot(surfaces, drawn.arrangement, &taken, around, draw, rng);
-            let (low, high) = ([x + around.0.x, z + around.0.z], [x + around.1.x, z + around.1.z]);
-            let outer = (low.map(|edge| edge - aside), high.map(|edge| edge + aside));
-            let Some((floor, ceiling)) = surfaces.room(surface, outer.0, outer.1) else { continue };
-            let below = taken.iter().filter(|other| other.surface == surface && other.is_under(low, high));
-            let bottom = below.map(|other| other.high.y).fold(floor, f64::max) + gap;
-            if bottom + around.1.y - around.0.y > ceiling {
-                continue;
-            }
-            if best.is_none_or(|(lowest, ..)| bottom < lowest) {
-                best = Some((bottom, DVec3::new(x, bottom - around.0.y, z), surface));
+        for draw in 0..if wanted > 0 { DRAWS } else { 0 } {
+            let (surface, point) = spot(surfaces, drawn.arrangement, &taken, high - low, draw, rng);
+            let Some(spot) = map.at(&outline, surface, point, gap, f64::INFINITY) else { continue };
+            if best.is_none_or(|best| spot.above < best.above) {
+                best = Some(spot);
             }
             found += 1;
             if found == wanted {
                 break;
             }
         }
-        let Some((_, place, surface)) = best else { continue };
-        taken.push(Taken { low: place + around.0, high: place + around.1, surface });
-        starts.push(Start { drawn: number, prop, scale, pose: Pose { translation: place, rotation } });
+        let [first, stride] = [rng.random::<u32>(), rng.random::<u32>()].map(|n| n as usize);
+        let Some(spot) = best.or_else(|| map.search(&outline, gap, first, stride)) else { continue };
+        let place = map.put(&outline, &spot);
+        taken.push(Taken { surface: spot.surface, place });
+        let translation = DVec3::new(place[0], spot.bottom - low.y, place[1]);
+        starts.push(Start { drawn: number, prop, scale, pose: Pose { translation, rotation } });
     }
     starts
-}
-
-impl Taken {
-    fn is_under(&self, low: [f64; 2], high: [f64; 2]) -> bool {
-        self.low.x < high[0] && low[0] < self.high.x && self.low.z < high[1] && low[1] < self.high.z
-    }
 }
 
 /// A surface, and a point on it: x, z.
@@ -101,7 +109,7 @@ fn spot(
     surfaces: &Surfaces,
     arrangement: Arrangement,
     taken: &[Taken],
-    around: (DVec3, DVec3),
+    size: DVec3,
     draw: usize,
     rng: &mut Pcg64Mcg,
 ) -> (usize, [f64; 2]) {
@@ -109,10 +117,9 @@ fn spot(
     let is_early = draw < DRAWS / 2;
     if arrangement == Arrangement::Stacked && is_early && !taken.is_empty() && rng.random::<f64>() < STACKED {
         let below = taken[rng.random_range(0..taken.len())];
-        let middle = (below.low + below.high) / 2.0;
-        let size = around.1 - around.0;
+        let [x, z] = below.place;
         let mut off = |side: f64| side * ASIDE * (2.0 * rng.random::<f64>() - 1.0);
-        return (below.surface, [middle.x + off(size.x), middle.z + off(size.z)]);
+        return (below.surface, [x + off(size.x), z + off(size.z)]);
     }
     // By area: each line of each surface alike.
     let count: usize = surfaces.cells.iter().map(Vec::len).sum();
@@ -130,13 +137,6 @@ fn spot(
     }
     let middle = surfaces.middle(surface);
     (surface, [0, 1].map(|axis| middle[axis] + HEAP * (point[axis] - middle[axis])))
-}
-
-/// The lowest and the highest corner of a body about its center of mass.
-fn bounds(shape: &Shape, scale: f64, rotation: DQuat) -> (DVec3, DVec3) {
-    let pose = Pose { translation: DVec3::ZERO, rotation };
-    let all = corners(shape, scale, &pose);
-    all.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)))
 }
 
 fn rotation(shape: &Shape, pose: StartPose, rng: &mut Pcg64Mcg) -> DQuat {

@@ -8,6 +8,9 @@ use std::path::{Path, PathBuf};
 /// Most bodies of one layout: small piles at scale, not large ones.
 pub const MOST_BODIES: u32 = 500;
 
+/// A camera is no farther than this along each axis, m.
+const FARTHEST: f64 = 1e4;
+
 /// Of bodies at rest with this friction, MuJoCo moves none by 2 mm in 2 s, where bricks and bananas lie in a bin; with
 /// 0.1, in an eighth of the layouts; with 0.7, in all: its contacts creep by a millimeter a second for each tenth of
 /// its weight that a body leans on friction.
@@ -44,6 +47,10 @@ pub struct Settings {
     pub pose: Option<OneOrMore<StartPose>>,
     /// One body of each layout that is looked for.
     pub target: Option<Target>,
+    /// From where layouts are looked at.
+    pub camera: Option<CameraEntry>,
+    /// Mean share of a body's outline, as the camera sees it, that others hide.
+    pub overlap: Option<Span>,
     /// How often a layout is drawn again at most.
     pub attempts: Option<u32>,
 }
@@ -82,7 +89,22 @@ pub struct PlaceEntry {
     pub count: Option<Span>,
     /// Instead of a count: share of the place's inside that the bodies fill, to its rim.
     pub level: Option<Span>,
+    /// Instead of the catalogue's.
+    pub camera: Option<CameraEntry>,
     pub license: Option<String>,
+}
+
+/// A pinhole in the place's frame. What is left out is chosen so that all of the place is in the picture, from above at
+/// a slant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraEntry {
+    /// m.
+    pub position: Option<[f64; 3]>,
+    /// What is in the middle of the picture, m.
+    pub look_at: Option<[f64; 3]>,
+    /// Vertical, degrees.
+    pub field_of_view: Option<f64>,
 }
 
 /// One body that is looked for.
@@ -93,6 +115,8 @@ pub struct Target {
     pub label: String,
     /// Bodies that have to leave before it can: those that rest on it.
     pub covered_by: Option<Span>,
+    /// Share of its outline, as the camera sees it, that is seen past other bodies and the place.
+    pub visible: Option<Span>,
 }
 
 /// How bodies begin.
@@ -167,14 +191,17 @@ const SETTINGS: &[&str] = &[
     "arrangement",
     "pose",
     "target",
+    "camera",
+    "overlap",
     "attempts",
     "props",
     "places",
 ];
-const TARGET: &[&str] = &["label", "covered_by"];
+const TARGET: &[&str] = &["label", "covered_by", "visible"];
+const CAMERA: &[&str] = &["position", "look_at", "field_of_view"];
 const PROP: &[&str] =
     &["path", "label", "weight", "friction", "density", "restitution", "scale_min", "scale_max", "license"];
-const PLACE: &[&str] = &["path", "label", "weight", "friction", "count", "level", "license"];
+const PLACE: &[&str] = &["path", "label", "weight", "friction", "count", "level", "camera", "license"];
 
 impl Catalogue {
     /// Reads a catalogue, or returns all its problems.
@@ -201,8 +228,10 @@ impl Catalogue {
         let (props, places) = (list("props"), list("places"));
         let props: Vec<PropEntry> = found.entries("props", props, PROP);
         let places: Vec<PlaceEntry> = found.entries("places", places, PLACE);
-        if let Some(toml::Value::Table(target)) = table.get("target") {
-            found.names("target", target, TARGET);
+        for (name, known) in [("target", TARGET), ("camera", CAMERA)] {
+            if let Some(toml::Value::Table(inner)) = table.get(name) {
+                found.names(name, inner, known);
+            }
         }
         table.retain(|name, _| SETTINGS.contains(&name));
         let settings: Settings = found.value("", toml::Value::Table(table)).unwrap_or_default();
@@ -220,6 +249,16 @@ impl Catalogue {
 
     pub fn settle_friction(&self) -> f64 {
         self.settings.settle_friction.unwrap_or(SETTLE_FRICTION)
+    }
+
+    /// Whether it asks for what a camera sees.
+    pub fn is_looked_at(&self) -> bool {
+        let Settings { camera, overlap, target, .. } = &self.settings;
+        let is_target_seen = target.as_ref().is_some_and(|target| target.visible.is_some());
+        is_target_seen
+            || overlap.is_some()
+            || camera.is_some()
+            || self.places.iter().any(|place| place.camera.is_some())
     }
 
     pub fn attempts(&self) -> u32 {
@@ -317,11 +356,14 @@ impl Found<'_> {
         let most = f64::from(MOST_BODIES);
         self.span("count", settings.count, [1.0, most], true);
         self.span("attempts", settings.attempts.map(|n| Span::One(n.into())), [1.0, 1000.0], true);
+        self.span("overlap", settings.overlap, [0.0, 1.0], false);
+        self.camera("camera", settings.camera);
         self.span("settle_friction", settings.settle_friction.map(Span::One), [0.0, 2.0], false);
         self.span("seed", settings.seed.map(|n| Span::One(n as f64)), [0.0, 1e15], true);
         for (i, place) in places.iter().enumerate() {
             self.span(&format!("places.{i}.count"), place.count, [1.0, most], true);
             self.span(&format!("places.{i}.level"), place.level, [0.001, 1.0], false);
+            self.camera(&format!("places.{i}.camera"), place.camera);
             self.span(&format!("places.{i}.weight"), place.weight.map(Span::One), [0.0, 1e9], false);
             if place.count.is_some() && place.level.is_some() {
                 let remedy = "Leave one of them out.";
@@ -338,6 +380,7 @@ impl Found<'_> {
         }
         if let Some(target) = &settings.target {
             self.span("target.covered_by", target.covered_by, [0.0, most], true);
+            self.span("target.visible", target.visible, [0.0, 1.0], false);
             let labels: Vec<String> = props.iter().map(PropEntry::label).collect();
             if !labels.contains(&target.label) && !props.is_empty() {
                 let remedy = match nearest(&target.label, labels.iter().map(String::as_str)) {
@@ -346,6 +389,22 @@ impl Found<'_> {
                 };
                 self.problem("target.label", format!("no prop has the label {}", target.label), remedy);
             }
+        }
+    }
+
+    fn camera(&mut self, field: &str, camera: Option<CameraEntry>) {
+        let Some(CameraEntry { position, look_at, field_of_view }) = camera else { return };
+        self.span(&format!("{field}.field_of_view"), field_of_view.map(Span::One), [1.0, 150.0], false);
+        for (name, point) in [("position", position), ("look_at", look_at)] {
+            if point.is_some_and(|point| !point.iter().all(|value| value.abs() <= FARTHEST)) {
+                let remedy =
+                    format!("Give three numbers from {} to {FARTHEST}, meters in the place's frame.", -FARTHEST);
+                self.problem(&format!("{field}.{name}"), "it is too far away", remedy);
+            }
+        }
+        if position.is_some() && position == look_at {
+            let remedy = "Move the position away from what the camera looks at.";
+            self.problem(&format!("{field}.position"), "the camera looks at its own place", remedy);
         }
     }
 

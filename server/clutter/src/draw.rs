@@ -11,9 +11,13 @@ use rand_pcg::Pcg64Mcg;
 const PACKING: f64 = 0.4;
 /// Bodies of a layout where the catalogue does not say.
 const USUAL_COUNT: [f64; 2] = [10.0, 20.0];
-
-/// On a place without walls, so many times more bodies begin than are to stay, up to the most: some leave it.
-const LEAVING: f64 = 1.2;
+/// Share of the bodies that begin beyond those that are to stay, where nothing keeps them in: some leave, or are taken
+/// away. With 0.12, every second table of 50 was drawn again, since fewer than 50 were left; with 0.2, every third.
+const SPARE: f64 = 0.2;
+/// The same where bodies begin on each other.
+const SPARE_ON_OTHERS: f64 = 0.3;
+/// The same between walls, as far as the range of counts leaves no room below.
+const SPARE_IN_WALLS: f64 = 0.08;
 
 /// What a layout is made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,8 +25,12 @@ pub struct Drawn {
     pub place: usize,
     pub arrangement: Arrangement,
     pub pose: StartPose,
-    /// The prop and the scale of each body.
+    /// The prop and the scale of each body that begins.
     pub bodies: Vec<(usize, f64)>,
+    /// How many are to stay.
+    pub wanted: usize,
+    /// The fewest and the most that may stay.
+    pub range: [usize; 2],
     /// The body that is looked for, if the catalogue has one.
     pub target: Option<usize>,
 }
@@ -55,7 +63,7 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
         (prop, scale(&props[prop], rng))
     };
     let found = &library.places[place];
-    match (found.level, found.volume) {
+    let (wanted, range) = match (found.level, found.volume) {
         (Some(level), Some(volume)) => {
             let [least, most] = level.ends();
             let share = least + first.random::<f64>() * (most - least);
@@ -69,14 +77,22 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
                 }
                 bodies.push((prop, scale));
             }
+            (bodies.len(), [1, bodies.len()])
         }
         _ => {
             let [least, most] = found.count.or(settings.count).map_or(USUAL_COUNT, |count| count.ends());
-            let count = first.random_range(least as usize..=most as usize);
-            let more = if found.surfaces.has_walls { count } else { (LEAVING * count as f64).ceil() as usize };
-            bodies.extend((0..more.min(most as usize)).map(|_| next(rng)));
+            let range = [least as usize, most as usize];
+            let count = first.random_range(range[0]..=range[1]);
+            let spare = |share: f64| (share * count as f64).ceil() as usize;
+            let more = match found.surfaces.has_walls {
+                true => spare(SPARE_IN_WALLS).saturating_sub(count - range[0]),
+                false if arrangement == Arrangement::Scattered => spare(SPARE),
+                false => spare(SPARE_ON_OTHERS),
+            };
+            bodies.extend((0..count + more).map(|_| next(rng)));
+            (count, range)
         }
-    }
+    };
     let target = settings.target.as_ref().map(|target| {
         let named: Vec<usize> = (0..props.len()).filter(|&prop| library.labels[prop] == target.label).collect();
         let there = bodies.iter().position(|(prop, _)| named.contains(prop));
@@ -87,7 +103,7 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
             body
         })
     });
-    Drawn { place, arrangement, pose, bodies, target }
+    Drawn { place, arrangement, pose, bodies, wanted, range, target }
 }
 
 /// An index, drawn by weight.

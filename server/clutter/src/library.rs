@@ -2,6 +2,7 @@
 
 use crate::catalogue::{Catalogue, PlaceEntry, PropEntry, Span};
 use crate::surfaces::Surfaces;
+use crate::view::View;
 use cairn_engine::shape::{self, Shape, hull_mesh};
 use cairn_engine::units::Units;
 use cairn_engine::world::{WallId, World};
@@ -53,6 +54,8 @@ pub struct Library {
     pub shapes: Vec<Shape>,
     pub labels: Vec<String>,
     pub places: Vec<Place>,
+    /// `None`: the catalogue asks for nothing that a camera sees.
+    pub view: Option<View>,
     pub units: Units,
     pub params: Params,
     /// As far as the masses and sizes of the props ask for it.
@@ -104,7 +107,8 @@ impl Library {
             return Err(Refused { problems, notes: notes() });
         }
         let hash = hash(&catalogue, &job);
-        Ok(Library { catalogue, job, shapes, labels, places, units, params, physics, thickness, hash })
+        let view = View::new(&catalogue, &job.scene);
+        Ok(Library { catalogue, job, shapes, labels, places, view, units, params, physics, thickness, hash })
     }
 
     /// What is not as in the files, one sentence each.

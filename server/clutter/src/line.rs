@@ -4,8 +4,12 @@ use crate::Library;
 use crate::arrange::{Start, arrange};
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::{Drawn, draw, numbers};
-use crate::settle::{LEAST_PUSH, MOST_DRIFT, MOST_ELSEWHERE, Rejection, Settled, drift, push, settle};
+use crate::pile::Pile;
+use crate::proof::MOST_ELSEWHERE;
+use crate::settle::{Rejection, Settled, settle};
+use crate::view::{Look, SeenBody};
 use cairn_analysis::{AnalysisOptions, forecast};
+use cairn_engine::world::BodyId;
 use cairn_geometry::pose::Pose;
 use cairn_input::observer::Silent;
 use glam::DMat3;
@@ -20,6 +24,8 @@ pub struct Line {
     pub layout: u64,
     /// Attempts before it that were no layouts, by reason.
     pub rejected: BTreeMap<Rejection, u32>,
+    /// Bodies that were there and are not: they left, or were taken away with what rested on them; by reason.
+    pub taken_away: BTreeMap<Rejection, u32>,
     /// Label of the place, and its number in the catalogue.
     pub place: String,
     pub place_number: usize,
@@ -27,6 +33,8 @@ pub struct Line {
     pub pose: StartPose,
     pub bodies: Vec<LineBody>,
     pub proof: Proof,
+    /// What the camera sees; null: the catalogue asks for nothing of it.
+    pub view: Option<Seen>,
     /// The body that is looked for.
     pub target: Option<usize>,
     /// Why there is no layout; then there are no bodies.
@@ -57,6 +65,19 @@ pub struct LineBody {
     pub carries: Vec<usize>,
     /// Whether the others are proven to stand without it; null: neither that nor the contrary.
     pub may_leave: Option<bool>,
+    /// Share of its outline in the camera's picture that is seen, past other bodies and the place; null: there is no
+    /// camera.
+    pub visible: Option<f64>,
+}
+
+/// What the camera sees of a layout.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Seen {
+    /// Mean share of a body's outline in the picture that other bodies hide.
+    pub overlap: f64,
+    /// Share of the target's outline that is seen, past other bodies and the place; null: there is no target.
+    pub target: Option<f64>,
 }
 
 /// What was found of a layout.
@@ -117,12 +138,14 @@ fn empty(library: &Library, number: u64, drawn: &Drawn) -> Line {
     Line {
         layout: number,
         rejected: BTreeMap::new(),
+        taken_away: BTreeMap::new(),
         place: library.places[drawn.place].label.clone(),
         place_number: drawn.place,
         arrangement: drawn.arrangement,
         pose: drawn.pose,
         bodies: Vec::new(),
         proof: Proof::default(),
+        view: None,
         target: None,
         failed: None,
     }
@@ -146,27 +169,18 @@ fn attempt_at(
     let mut rng = numbers(library.catalogue.seed(), number, attempt);
     let drawn = draw(library, number, &mut rng);
     let starts = arrange(library, &drawn, &mut rng);
-    if !is_enough(library, &drawn, &starts) {
+    if !is_enough(&drawn, &starts) {
         return Ok(Err((drawn, Rejection::NoRoom)));
     }
-    let settled = match settle(library, drawn.place, &starts) {
+    let settled = match settle(library, &drawn, &starts, gates.any) {
         Ok(settled) => settled,
         Err(why) => return Ok(Err((drawn, why))),
     };
-    if !is_enough(library, &drawn, &settled.starts) {
-        return Ok(Err((drawn, Rejection::NotContained)));
+    let look = look(&settled.pile);
+    if let Some(why) = look.as_ref().and_then(|look| misses(&settled.pile, look)) {
+        return Ok(Err((drawn, why)));
     }
-    let push = gates.any.then(|| push(&settled));
-    if push.is_some_and(|push| push < LEAST_PUSH) {
-        return Ok(Err((drawn, Rejection::Tips)));
-    }
-    let drift = gates.any.then(|| drift(library, &settled));
-    if drift.is_some_and(|drift| drift > MOST_DRIFT * library.units.length) {
-        return Ok(Err((drawn, Rejection::Drift)));
-    }
-    let mut line = line(library, number, &drawn, &settled, gates)?;
-    line.proof.drift = drift.map(round);
-    line.proof.push = push.map(round);
+    let mut line = line(library, number, &settled, look, gates)?;
     if let (Some(target), Some(body)) = (&library.catalogue.settings.target, line.target)
         && target.covered_by.is_some_and(|span| !span.holds(line.bodies[body].carries.len() as f64))
     {
@@ -183,22 +197,40 @@ fn attempt_at(
 }
 
 /// Whether as many bodies found room as the catalogue asks for, and the target is among them.
-fn is_enough(library: &Library, drawn: &Drawn, starts: &[Start]) -> bool {
-    let place = &library.places[drawn.place];
+fn is_enough(drawn: &Drawn, starts: &[Start]) -> bool {
     let has_target = drawn.target.is_none_or(|target| starts.iter().any(|start| start.drawn == target));
-    let least = match place.level {
-        Some(_) => 1,
-        None => {
-            place.count.or(library.catalogue.settings.count).map_or(drawn.bodies.len(), |span| span.ends()[0] as usize)
-        }
-    };
-    has_target && !starts.is_empty() && starts.len() >= least
+    has_target && starts.len() >= drawn.range[0]
 }
 
-fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates: Gates) -> Result<Line, String> {
-    let (world, starts) = (&settled.world, &settled.starts);
-    let index = |id: usize| settled.ids.binary_search(&id).ok();
-    let asked: &[usize] = if gates.removals { &settled.ids } else { &[] };
+/// What the camera sees of the bodies that are there, in their order.
+fn look(pile: &Pile) -> Option<Look> {
+    let (library, world) = (pile.library, &pile.world);
+    let body = |id: BodyId| {
+        let Start { prop, scale, .. } = pile.starts[id];
+        SeenBody { prop, scale, pose: library.shapes[prop].prop_pose(&world.units.pose_to_si(&world.pose(id)), scale) }
+    };
+    let view = library.view.as_ref()?;
+    Some(view.look(pile.drawn.place, &world.present().map(body).collect::<Vec<_>>()))
+}
+
+/// Why what the camera sees is not what the catalogue asks for.
+fn misses(pile: &Pile, look: &Look) -> Option<Rejection> {
+    let settings = &pile.library.catalogue.settings;
+    if settings.overlap.is_some_and(|span| !span.holds(look.overlap)) {
+        return Some(Rejection::OverlapInView);
+    }
+    let visible = settings.target.as_ref()?.visible?;
+    let seen = pile.target().map_or(0.0, |body| look.visible[body]);
+    (!visible.holds(seen)).then_some(Rejection::TargetInView)
+}
+
+fn line(library: &Library, number: u64, settled: &Settled, look: Option<Look>, gates: Gates) -> Result<Line, String> {
+    let Settled { pile, overlap, push, drift } = settled;
+    let (world, drawn) = (&pile.world, pile.drawn);
+    let ids: Vec<BodyId> = world.present().collect();
+    let starts: Vec<Start> = ids.iter().map(|&id| pile.starts[id]).collect();
+    let index = |id: usize| ids.binary_search(&id).ok();
+    let asked: &[usize] = if gates.removals { &ids } else { &[] };
     let found = forecast(world, &AnalysisOptions::default(), asked, false, &mut Silent).map_err(|e| e.to_string())?;
     let mut rests_on = vec![Vec::new(); starts.len()];
     for touch in &found.touches {
@@ -219,7 +251,7 @@ fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates:
     }
     let body = |(k, start): (usize, &Start)| {
         let shape = &library.shapes[start.prop];
-        let center = world.units.pose_to_si(&world.pose(settled.ids[k]));
+        let center = world.units.pose_to_si(&world.pose(ids[k]));
         let Pose { translation, rotation } = shape.prop_pose(&center, start.scale);
         let mut below = std::mem::take(&mut rests_on[k]);
         below.sort_unstable();
@@ -234,15 +266,28 @@ fn line(library: &Library, number: u64, drawn: &Drawn, settled: &Settled, gates:
             center_of_mass: (shape.center * start.scale).to_array().map(round),
             inertia: inertia(shape.inertia, start.scale).map(significant),
             rests_on: below,
-            carries: found.rest_on[settled.ids[k]].iter().filter_map(|&id| index(id)).collect(),
+            carries: found.rest_on[ids[k]].iter().filter_map(|&id| index(id)).collect(),
             may_leave: may_leave[k],
+            visible: look.as_ref().map(|look| round(look.visible[k])),
         }
     };
     let bodies = starts.iter().enumerate().map(body).collect();
     Ok(Line {
         bodies,
-        proof: Proof { at_rest: true, contained: true, overlap: round(settled.overlap), ..Proof::default() },
-        target: drawn.target.and_then(|target| starts.iter().position(|start| start.drawn == target)),
+        taken_away: pile.away.clone(),
+        proof: Proof {
+            at_rest: true,
+            contained: true,
+            overlap: round(*overlap),
+            push: push.map(round),
+            drift: drift.map(round),
+            drift_mujoco: None,
+        },
+        view: look.as_ref().map(|look| Seen {
+            overlap: round(look.overlap),
+            target: pile.target().map(|body| round(look.visible[body])),
+        }),
+        target: pile.target(),
         ..empty(library, number, drawn)
     })
 }
@@ -262,4 +307,56 @@ pub fn round(value: f64) -> f64 {
 /// To seven digits.
 pub fn significant(value: f64) -> f64 {
     format!("{value:.6e}").parse().unwrap_or(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::example::library;
+
+    fn make_all(library: &Library) -> Vec<Line> {
+        let gates = Gates { any: true, removals: false };
+        (0..4).map(|number| make(library, number, gates, None).unwrap()).collect()
+    }
+
+    /// Pictures are taken where the catalogue asks for them alone: one of each attempt that stands.
+    #[test]
+    fn pictures_are_taken_where_they_are_asked_for() {
+        let plain = library("");
+        let lines = make_all(&plain);
+        assert!(plain.view.is_none());
+        assert!(lines.iter().all(|line| line.view.is_none() && line.bodies.iter().all(|body| body.visible.is_none())));
+        let looked = library("camera = {}");
+        let seen = make_all(&looked);
+        assert_eq!(looked.view.as_ref().unwrap().renders(), 4);
+        for (line, plain) in seen.iter().zip(&lines) {
+            let view = line.view.as_ref().unwrap();
+            assert!((0.0..=1.0).contains(&view.overlap) && view.target.is_none(), "{view:?}");
+            assert!(line.bodies.iter().all(|body| (0.0..=1.0).contains(&body.visible.unwrap())));
+            // All else is as without a camera.
+            let bodies = line.bodies.iter().map(|body| LineBody { visible: None, ..body.clone() }).collect();
+            assert_eq!(Line { view: None, bodies, ..line.clone() }, *plain);
+        }
+    }
+
+    /// What the camera sees is within its ranges; what was not is drawn again, and counted.
+    #[test]
+    fn what_the_camera_sees_is_within_its_range() {
+        let free = make_all(&library("camera = {}\ntarget = { label = \"bowl\" }"));
+        let mut overlaps: Vec<f64> = free.iter().map(|line| line.view.as_ref().unwrap().overlap).collect();
+        overlaps.sort_by(f64::total_cmp);
+        // Two of the four layouts are not within.
+        let most = overlaps[1];
+        let asked = library(&format!("overlap = [0, {most}]\ntarget = {{ label = \"bowl\", visible = [0.2, 1] }}"));
+        let lines = make_all(&asked);
+        for line in &lines {
+            let view = line.view.as_ref().unwrap();
+            assert!(view.overlap <= most && view.target.unwrap() >= 0.2, "{view:?}");
+            assert_eq!(line.bodies[line.target.unwrap()].visible, view.target);
+        }
+        let again = |why| lines.iter().filter_map(|line| line.rejected.get(&why)).sum::<u32>();
+        let again = again(Rejection::OverlapInView) + again(Rejection::TargetInView);
+        assert!(again >= 2, "{again}");
+        assert_eq!(asked.view.as_ref().unwrap().renders(), u64::from(4 + again));
+    }
 }

@@ -32,9 +32,12 @@ struct Stretch {
 
 /// Where bodies may begin.
 pub struct Surfaces {
-    origin: [f64; 2],
-    cell: f64,
-    size: [usize; 2],
+    /// Lowest corner: x, z.
+    pub origin: [f64; 2],
+    /// Edge of a line's cell.
+    pub cell: f64,
+    /// Lines along x and z.
+    pub size: [usize; 2],
     /// Shape `[z][x]`.
     lines: Vec<Vec<Stretch>>,
     /// The lines of each surface.
@@ -190,22 +193,10 @@ impl Surfaces {
         sum.map(|s| s / cells.len().max(1) as f64 + self.cell / 2.0)
     }
 
-    /// The highest floor and the lowest ceiling over a rectangle, if all of it is of this surface.
-    pub fn room(&self, surface: usize, low: [f64; 2], high: [f64; 2]) -> Option<(f64, f64)> {
-        let at = |p: f64, axis: usize| (p - self.origin[axis]) / self.cell;
-        let begin = [at(low[0], 0), at(low[1], 1)];
-        let end = [at(high[0], 0), at(high[1], 1)];
-        if begin.iter().any(|b| *b < 0.0) || (0..2).any(|axis| end[axis] >= self.size[axis] as f64) {
-            return None;
-        }
-        let mut room = (f64::NEG_INFINITY, f64::INFINITY);
-        for z in begin[1] as usize..=end[1] as usize {
-            for x in begin[0] as usize..=end[0] as usize {
-                let own = self.lines[z * self.size[0] + x].iter().find(|stretch| stretch.surface == surface)?;
-                room = (room.0.max(own.low), room.1.min(own.high));
-            }
-        }
-        Some(room)
+    /// Floor and ceiling of a surface at a line.
+    pub fn stretch(&self, surface: usize, line: usize) -> Option<(f64, f64)> {
+        let own = self.lines[line].iter().find(|stretch| stretch.surface == surface)?;
+        Some((own.low, own.high))
     }
 
     /// Whether the place is between two points, or the first is in it.
@@ -247,9 +238,9 @@ mod tests {
         let sides = [0.0, 0.98].map(|x| ([x, 0.0, 0.0], [x + 0.02, 1.2, 0.3]));
         let surfaces = Surfaces::new(&place(&[&boards[..], &sides[..]].concat()), 0.05);
         assert_eq!(surfaces.cells.len(), 3);
-        let room = surfaces.room(1, [0.3, 0.1], [0.5, 0.2]).unwrap();
+        let room = surfaces.stretch(1, surfaces.cells[1][0]).unwrap();
         assert!((room.0 - 0.52).abs() < 1e-6 && (room.1 - 0.9).abs() < 1e-6, "{room:?}");
-        assert!(surfaces.room(1, [-0.1, 0.1], [0.5, 0.2]).is_none(), "beyond the board");
+        assert_eq!(surfaces.stretch(1, 0), None, "a side of the shelf is there");
         assert!(!surfaces.has_walls);
         assert!(surfaces.contains(DVec3::new(0.5, 0.6, 0.1)) && !surfaces.contains(DVec3::new(0.5, 0.05, 0.1)));
         assert!((surfaces.area(0) - 0.29).abs() < 0.02, "{}", surfaces.area(0));
@@ -269,7 +260,7 @@ mod tests {
         assert!(surfaces.has_walls);
         let middle = surfaces.middle(0);
         assert!(middle.iter().all(|m| (m - 0.2).abs() < 0.01), "{middle:?}");
-        assert!(surfaces.room(0, [0.0, 0.1], [0.1, 0.2]).is_none(), "a wall is there");
-        assert!(surfaces.room(0, [0.1, 0.1], [0.2, 0.2]).is_some());
+        assert_eq!(surfaces.stretch(0, 0), None, "a wall is there");
+        assert!(surfaces.stretch(0, surfaces.cells[0][0]).is_some());
     }
 }

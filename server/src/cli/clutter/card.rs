@@ -19,6 +19,7 @@ pub struct Counts {
     /// Numbers of layouts that were not made, and why.
     pub failed: Vec<(u64, String)>,
     rejected: BTreeMap<String, u64>,
+    taken_away: BTreeMap<String, u64>,
     places: BTreeMap<String, u64>,
     labels: BTreeMap<String, u64>,
     arrangements: BTreeMap<String, u64>,
@@ -27,6 +28,8 @@ pub struct Counts {
     drifts: Vec<f64>,
     drifts_mujoco: Vec<f64>,
     overlaps: Vec<f64>,
+    overlaps_in_view: Vec<f64>,
+    targets_in_view: Vec<f64>,
     may_leave: u64,
 }
 
@@ -49,6 +52,9 @@ impl Counts {
             self.failed.push((line.layout, why));
             return;
         }
+        for (why, count) in &line.taken_away {
+            *self.taken_away.entry(name_of(*why)).or_default() += u64::from(*count);
+        }
         let name = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
         self.layouts += 1;
         self.bodies += line.bodies.len() as u64;
@@ -63,13 +69,19 @@ impl Counts {
         self.drifts.extend(line.proof.drift);
         self.drifts_mujoco.extend(line.proof.drift_mujoco);
         self.overlaps.push(line.proof.overlap);
+        if let Some(view) = line.view {
+            self.overlaps_in_view.push(view.overlap);
+            self.targets_in_view.extend(view.target);
+        }
     }
 
     /// What the command prints.
     pub fn summary(&self, folder: &Path, before: u64) -> String {
         let again: u64 = self.rejected.values().sum();
         let mut text = format!("{}: {} layouts, {} bodies", folder.display(), self.layouts, self.bodies);
-        for (count, what) in [(before, "finished before"), (again, "drawn again"), (self.failed.len() as u64, "failed")]
+        let (away, failed) = (self.taken_away.values().sum(), self.failed.len() as u64);
+        for (count, what) in
+            [(before, "finished before"), (again, "drawn again"), (away, "bodies taken away"), (failed, "failed")]
         {
             if count > 0 {
                 text += &format!(", {count} {what}");
@@ -169,6 +181,7 @@ fn card(args: &Args, library: &Library, lines: &Path, file: &LinesFile, counts: 
     let sizes = counts.sizes.iter().map(|(size, count)| (format!("{size:3}"), *count)).collect();
     text += &table("bodies of a layout", &sizes);
     text += &table("drawn again because of", &counts.rejected);
+    text += &table("bodies taken away because of", &counts.taken_away);
     text += "| figure, mm | median | 99 of 100 | most |\n| --- | --- | --- | --- |\n";
     for (name, values) in [
         ("drift in 2 s of our trial", &counts.drifts),
@@ -178,6 +191,18 @@ fn card(args: &Args, library: &Library, lines: &Path, file: &LinesFile, counts: 
         if !values.is_empty() {
             let [median, most, all] = [0.5, 0.99, 1.0].map(|share| 1e3 * share_below(values, share));
             text += &format!("| {name} | {median:.3} | {most:.3} | {all:.3} |\n");
+        }
+    }
+    if !counts.overlaps_in_view.is_empty() {
+        text += "\n| as the camera sees it, % | least | median | most |\n| --- | --- | --- | --- |\n";
+        for (name, values) in [
+            ("mean share of a body that others hide", &counts.overlaps_in_view),
+            ("share of the target that is seen", &counts.targets_in_view),
+        ] {
+            if !values.is_empty() {
+                let [least, median, most] = [0.0, 0.5, 1.0].map(|share| 100.0 * share_below(values, share));
+                text += &format!("| {name} | {least:.1} | {median:.1} | {most:.1} |\n");
+            }
         }
     }
     let share = counts.may_leave as f64 / counts.bodies.max(1) as f64;
