@@ -21,7 +21,7 @@ def test_open_props_are_one_line(desk, addon):
     opened(desk.props, 5)
     pile = desk.bake(output_mode="POSE")
     said = addon("running").report_of(pile)["warnings"]
-    assert sum("is open" in text for text in said) == 10, "two sentences of each"
+    assert sum("is open" in text for text in said) == 5, "a sentence of each"
     (line,) = [text for text, _ in addon("wording").gathered(said, desk.recipe["names"]) if "is open" in text]
     assert line.startswith("“Open 0”, “Open 1”, “Open 2” and 2 more: The mesh is open")
 
