@@ -49,6 +49,7 @@ pub mod glue;
 pub mod release;
 pub mod report;
 pub mod separate;
+mod sight;
 #[cfg(test)]
 #[path = "../../testing/messages.rs"]
 mod testing;

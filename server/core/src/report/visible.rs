@@ -1,10 +1,8 @@
 //! Figures of what a camera sees where bodies meet.
 
 use super::inputs::{NamedFigures, ReportInputs};
-use cairn_engine::world::{BodyId, ContactPair, PairSide, World};
-use cairn_geometry::contact::REAL_CONTACT;
-use cairn_geometry::measure::Sight;
-use cairn_geometry::mesh::TriMesh;
+use crate::sight::{SeenBodies, carried};
+use cairn_engine::world::{ContactPair, PairSide, World};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Collision shapes touch up to this gap, in thicknesses of the thinner body.
@@ -28,14 +26,6 @@ pub fn nothing() -> NamedFigures {
     NAMES.iter().map(|&name| (name, None)).collect()
 }
 
-/// The bodies that stand by themselves, and those that something besides other bodies carries.
-fn carried(pairs: &[ContactPair], world: &World) -> BTreeSet<BodyId> {
-    let is_near = |pair: &&ContactPair| pair.points.iter().any(|p| p.gap <= REAL_CONTACT * world.pair_thickness(pair));
-    let is_fixed = |pair: &&ContactPair| matches!(pair.b, PairSide::Scenery | PairSide::Moving | PairSide::Ground);
-    let on_fixed = pairs.iter().filter(is_fixed).filter(is_near).map(|pair| pair.a);
-    on_fixed.chain(world.present().filter(|&id| world.bodies()[id].role.stands())).collect()
-}
-
 /// The figures of the last frame, and the number of pairs of bodies behind them. `pairs`: at least those that touch.
 pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (NamedFigures, u64) {
     let frame = inputs.pile.frames.last().map_or(&[][..], Vec::as_slice);
@@ -44,7 +34,7 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
     let place: BTreeMap<usize, usize> = present.iter().enumerate().map(|(place, &id)| (id, place)).collect();
     let body = |&id: &usize| (inputs.pile.bodies[id].prop, inputs.pile.bodies[id].scale, frame[id]);
     let bodies: Vec<_> = present.iter().map(body).collect();
-    let thickness: Vec<f64> = bodies.iter().map(|&(prop, scale, _)| inputs.shapes[prop].thickness() * scale).collect();
+    let seen = SeenBodies::new(inputs.scene, inputs.shapes, bodies);
     let touching: BTreeSet<[usize; 2]> = pairs
         .iter()
         .filter(|pair| pair.points.iter().any(|p| p.gap <= TOUCHING * world.pair_thickness(pair)))
@@ -54,14 +44,13 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
         })
         .map(|[a, b]| [a.min(b), a.max(b)])
         .collect();
-    let meshes: Vec<&TriMesh> = inputs.scene.props.iter().map(|p| &p.model.mesh).collect();
     let all = inputs.params.accuracy.traits().looks_at_all;
-    let sight = Sight::new(&meshes, &bodies, &thickness);
+    let sight = seen.sight();
     let found = sight.visible(&touching, all);
     let (carried, gap) = (carried(pairs, world), inputs.params.accuracy.traits().visible_contact);
     let hanging = sight.hanging(gap, |i| {
         let height = sight.lowest(i) - inputs.ground;
-        carried.contains(&present[i]) || inputs.params.ground && height <= gap * thickness[i]
+        carried.contains(&present[i]) || inputs.params.ground && height <= gap * seen.thickness[i]
     });
     let values = [
         (!carried.is_empty()).then(|| present.len() as f64 / carried.len() as f64),

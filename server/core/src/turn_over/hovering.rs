@@ -2,13 +2,11 @@
 //! stands. They come down until they touch; a few that do not reach anything are left out of the pile.
 
 use super::TurnOverInputs;
-use cairn_engine::world::World;
+use crate::sight::{SeenBodies, carried};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::measure::Sight;
-use cairn_geometry::mesh::TriMesh;
 use cairn_motion::instance::Instance;
 use cairn_motion::pile::Pile;
-use std::collections::BTreeSet;
 
 /// Share of the bodies that may be left out, and at least one. Where more hover, the shape is too thin for the props,
 /// and would lose a limb: the report says so.
@@ -32,15 +30,13 @@ pub struct Landed {
 /// Of the first bodies, `filled` of them, those that hover come down or are left out. The pile waits where it starts.
 pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
     let units = inputs.units;
-    let bodies: Vec<_> = (pile.instances.iter())
-        .map(|b| (b.prop, b.scale, inputs.shapes[b.prop].prop_pose(&units.pose_to_si(&b.pose), b.scale)))
-        .collect();
-    let thickness: Vec<f64> = bodies.iter().map(|&(prop, scale, _)| inputs.shapes[prop].thickness() * scale).collect();
-    let meshes: Vec<&TriMesh> = inputs.scene.props.iter().map(|p| &p.model.mesh).collect();
-    let mut sight = Sight::new(&meshes, &bodies, &thickness);
+    let pose = |b: &Instance| inputs.shapes[b.prop].prop_pose(&units.pose_to_si(&b.pose), b.scale);
+    let bodies = pile.instances.iter().map(|b| (b.prop, b.scale, pose(b))).collect();
+    let seen = SeenBodies::new(inputs.scene, inputs.shapes, bodies);
+    let (mut sight, thickness) = (seen.sight(), &seen.thickness);
     let gap = NARROWER * inputs.params.accuracy.traits().visible_contact;
     let ground = inputs.params.ground.then_some(inputs.ground);
-    let fixed = carried_by_fixed(&pile.world);
+    let fixed = carried(&pile.world.static_contact_pairs(REAL_CONTACT), &pile.world);
     let hovering = |sight: &Sight| {
         let is_on = |i: usize, ground: f64| sight.lowest(i) - ground <= gap * thickness[i];
         sight.hanging(gap, |i| fixed.contains(&i) || ground.is_some_and(|ground| is_on(i, ground)))
@@ -80,10 +76,4 @@ pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
         }
     }
     landed
-}
-
-/// Bodies that touch scenery, or stand.
-fn carried_by_fixed(world: &World) -> BTreeSet<usize> {
-    let touching = world.static_contact_pairs(REAL_CONTACT).into_iter().map(|pair| pair.a);
-    touching.chain(world.present().filter(|&id| world.bodies()[id].role.stands())).collect()
 }
