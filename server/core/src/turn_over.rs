@@ -32,6 +32,8 @@ pub struct TurnOverInputs<'a, 'r> {
     pub bodies: &'r [Instance],
     /// Height of the ground, m.
     pub ground: f64,
+    /// Number of them that an earlier pile had there, the first ones.
+    pub kept: usize,
     /// What was filled.
     pub container: Option<&'r Container>,
     /// Stands in the pile, where only its surface is made of props.
@@ -55,7 +57,8 @@ const FALL_DEPTH: f64 = 50.0;
 
 /// The pile right after turning over. A glued one is without bodies that would hover.
 pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error> {
-    let sim = with_bodies(inputs)?;
+    let mut sim = with_bodies(inputs)?;
+    sim.pile.places = (0..inputs.bodies.len()).collect();
     if !inputs.resolved.is_on(EffectName::Glue) || inputs.bodies.is_empty() {
         return Ok(sim);
     }
@@ -66,6 +69,7 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     let left = inputs.bodies.iter().enumerate().filter(|(id, _)| out.binary_search(id).is_err());
     let left: Vec<Instance> = left.map(|(_, body)| *body).collect();
     let mut sim = with_bodies(&TurnOverInputs { bodies: &left, ..*inputs })?;
+    sim.pile.places = (0..inputs.bodies.len()).filter(|id| out.binary_search(id).is_err()).collect();
     let bodies = if out.len() == 1 { "body was" } else { "bodies were" };
     sim.pile.notes.push(format!(
         "{} {bodies} left out, since no chain of meshes that touch led from what would hover to what stands: smaller \
@@ -97,7 +101,8 @@ fn with_bodies<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Er
         }
         pile.control.place(id);
     }
-    if resolved.is_on(EffectName::Glue) && params.glue.anchor != Switch::Off {
+    // What an earlier pile had there stands where it was set down then.
+    if resolved.is_on(EffectName::Glue) && params.glue.anchor != Switch::Off && inputs.kept == 0 {
         set_down(&mut pile, bodies.len(), inputs);
     }
     pile.world.zero_step();

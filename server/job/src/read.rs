@@ -1,5 +1,6 @@
 //! Reads a scene's files, and gathers all problems of scene and files.
 
+mod earlier;
 mod models;
 
 use super::machine::Meter;
@@ -192,7 +193,8 @@ impl SceneReader {
         };
         // Earlier results come behind the scenery that the new one shows.
         statics.extend(around);
-        let scene = Scene { control, piles, region, props, statics, bodies, emitters, removals, collapse };
+        let earlier = self.former(effective, &shown_props);
+        let scene = Scene { control, piles, region, props, statics, bodies, emitters, removals, collapse, earlier };
         ReadScene { scene, props: shown_props, statics: shown_statics }
     }
 

@@ -48,6 +48,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         region: scene.region.clone(),
         piles: scene.piles.clone(),
         around: scene.around.clone(),
+        from: scene.from.clone(),
         remove: scene.remove.clone(),
         collapse: scene.collapse.as_ref().map(proto::Collapse::with_defaults),
         goal: scene.goal,

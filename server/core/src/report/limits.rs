@@ -26,7 +26,14 @@ fn whole(value: f64) -> String {
 }
 
 /// Figure, limit, and what is said of it; `{}` is its value. The guide's page of measures states each limit.
-const LIMITS: [(&str, Limit, Shown, &str); 11] = [
+const LIMITS: [(&str, Limit, Shown, &str); 12] = [
+    (
+        "stayed_fraction",
+        Below(0.95),
+        percent,
+        "only {} of the bodies that nothing new is near kept their places: the others lean on what is new; glue keeps \
+         them (glue.mode)",
+    ),
     (
         "kept_shape",
         Below(0.7),
