@@ -16,6 +16,8 @@ pub struct EarlierPile {
     pub scenery: TriMesh,
     /// Height of the ground, m; `None`: there was none.
     pub ground: Option<f64>,
+    /// A body stays if nothing is new within this distance of its centre, d.
+    pub reach: f64,
     /// The fill may add bodies anywhere in the shape: its parameters, or weights of props, differ from the earlier ones.
     pub refills: bool,
 }

@@ -13,8 +13,6 @@ use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// A body keeps its place if nothing is new within this distance of its centre, d.
-pub const REACH: f64 = 3.0;
 /// Surfaces that are no farther apart than this are one, d: far less than a body moves unseen.
 const TOLERANCE: f64 = 0.02;
 /// Distance of the places at which surfaces are compared, d.
@@ -22,8 +20,9 @@ const SPACING: f64 = 0.25;
 
 /// Places of surfaces that only one of two scenes has. SI.
 pub struct Changes {
-    /// The places, by cells as wide as the reach.
+    /// The places, by cells of this edge, m, which is no less than the reach.
     cells: BTreeMap<[i32; 3], Vec<DVec3>>,
+    edge: f64,
     /// m.
     reach: f64,
     /// Below this height, the ground is near that moved.
@@ -33,7 +32,7 @@ pub struct Changes {
 impl Changes {
     /// Compares a scene with an earlier pile. `ground`: height of its ground, m; `diameter`: d, m.
     pub fn new(earlier: &EarlierPile, scene: &Scene, ground: Option<f64>, diameter: f64) -> Changes {
-        let reach = REACH * diameter;
+        let reach = earlier.reach * diameter;
         let mut all = Vec::new();
         if let Some(control) = &scene.control {
             all = places(&earlier.shape, &control.mesh, None, diameter);
@@ -46,13 +45,15 @@ impl Changes {
             all.extend(places(&earlier.scenery, &scenery, Some(around), diameter));
         }
         let mut cells: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
-        all.into_iter().for_each(|p| cells.entry(cell(p, reach)).or_default().push(p));
+        // Cells of a width that is never 0.
+        let edge = reach.max(SPACING * diameter);
+        all.into_iter().for_each(|p| cells.entry(cell(p, edge)).or_default().push(p));
         let near_ground = match (earlier.ground, ground) {
             (Some(a), Some(b)) if (a - b).abs() <= TOLERANCE * diameter => f64::NEG_INFINITY,
             (None, None) => f64::NEG_INFINITY,
             (a, b) => a.into_iter().chain(b).fold(f64::NEG_INFINITY, f64::max) + reach,
         };
-        Changes { cells, reach, near_ground }
+        Changes { cells, edge, reach, near_ground }
     }
 
     /// Whether nothing is new.
@@ -65,7 +66,7 @@ impl Changes {
         if p.y < self.near_ground {
             return true;
         }
-        let [x, y, z] = cell(p, self.reach);
+        let [x, y, z] = cell(p, self.edge);
         let near = |at: [i32; 3]| {
             let places = self.cells.get(&at);
             places.is_some_and(|places| places.iter().any(|q| q.distance_squared(p) <= self.reach * self.reach))
@@ -165,7 +166,7 @@ mod tests {
     }
 
     fn changes(old: TriMesh, new: TriMesh) -> Changes {
-        let earlier = EarlierPile { shape: old, ground: Some(0.0), ..EarlierPile::default() };
+        let earlier = EarlierPile { shape: old, ground: Some(0.0), reach: 3.0, ..EarlierPile::default() };
         let scene = Scene { control: Some(Model::new("shape", new)), ..Scene::default() };
         Changes::new(&earlier, &scene, Some(0.0), 0.1)
     }
@@ -194,7 +195,7 @@ mod tests {
     #[test]
     fn a_ground_that_moved_is_near_what_is_low() {
         let shape = slab(DVec3::ZERO, DVec3::ONE);
-        let earlier = EarlierPile { shape: shape.clone(), ground: Some(0.0), ..EarlierPile::default() };
+        let earlier = EarlierPile { shape: shape.clone(), ground: Some(0.0), reach: 3.0, ..EarlierPile::default() };
         let scene = Scene { control: Some(Model::new("shape", shape)), ..Scene::default() };
         let changes = Changes::new(&earlier, &scene, Some(-0.5), 0.1);
         assert!(changes.is_near(DVec3::new(0.5, 0.25, 0.5)) && !changes.is_near(DVec3::new(0.5, 0.35, 0.5)));

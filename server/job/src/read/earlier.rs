@@ -12,17 +12,25 @@ use serde_json::Value;
 use std::collections::BTreeSet;
 use std::path::Path;
 
+/// The farthest reach, d: a result holds scenery up to there.
+const MOST_REACH: f64 = 3.0;
 const FIELD: &str = "from.path";
 
 impl SceneReader {
     /// The earlier pile of `given.from`. `props`: where the scene's props are.
     pub(super) fn former(&mut self, effective: &proto::Scene, props: &[Reference]) -> Option<EarlierPile> {
-        let path = effective.from.as_ref()?.path.clone();
+        let from = effective.from.as_ref()?;
+        let (path, reach) = (from.path.clone(), from.reach());
+        if !(0.0..=MOST_REACH).contains(&reach) {
+            let field = "from.reach";
+            let remedy = "Give a value from 0 to 3, in median prop diameters.";
+            self.problems.push(Problem::new(field, format!("{reach} is out of range"), remedy).of_field(field));
+        }
         let found = self
             .read_former(&path)
             .and_then(|(file, origin, state)| self.earlier_pile(&file, &origin, state, effective, props));
         match found {
-            Ok(pile) => Some(pile),
+            Ok(pile) => Some(EarlierPile { reach, ..pile }),
             Err(problem) => {
                 // What could not be read before has said so.
                 self.problems.extend(problem.map(|problem| problem.of_field(FIELD)));
@@ -96,7 +104,7 @@ impl SceneReader {
             && origin.scene.get("piles").is_some() == own.get("piles").is_some();
         let refills = !is_filled_alike || drawn(&old) != drawn(&new);
         let (shape, scenery, ground) = (state.shape, state.scenery, state.ground);
-        Ok(EarlierPile { name: name.to_owned(), bodies, shape, scenery, ground, refills })
+        Ok(EarlierPile { name: name.to_owned(), bodies, shape, scenery, ground, refills, reach: 0.0 })
     }
 
     /// Whether a prop of an earlier scene is this one: the same part of a file of the same content.
