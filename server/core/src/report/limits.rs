@@ -31,8 +31,8 @@ const LIMITS: [(&str, Limit, Shown, &str); 12] = [
         "stayed_fraction",
         Below(0.95),
         percent,
-        "only {} of the bodies that nothing new is near kept their places: the others lean on what is new; glue keeps \
-         them (glue.mode)",
+        "only {} of the bodies that nothing new is near kept their places: the others lean on what is new; a smaller \
+         from.reach exchanges less of it, and glue holds more (glue.mode)",
     ),
     (
         "kept_shape",
@@ -137,6 +137,13 @@ mod tests {
                 0.182,
                 "the pile has slumped: 18 % of its shape is kept; glue keeps any shape (glue.mode), more friction \
                  or a wider foot keep more of it",
+            ),
+            (
+                "when kept bodies move",
+                "stayed_fraction",
+                0.8,
+                "only 80 % of the bodies that nothing new is near kept their places: the others lean on what is new; a \
+                 smaller from.reach exchanges less of it, and glue holds more (glue.mode)",
             ),
             (
                 "when bodies stick out",
