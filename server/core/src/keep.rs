@@ -11,9 +11,10 @@ use cairn_engine::shape::{Shape, corners};
 use cairn_engine::units::Units;
 use cairn_engine::world::BodyId;
 use cairn_geometry::pose::Pose;
-use cairn_input::earlier::{EarlierBody, EarlierPile, EarlierProp};
+use cairn_input::earlier::{EarlierBody, EarlierDot, EarlierPile, EarlierProp};
 use cairn_input::params::Params;
 use cairn_input::scene::Scene;
+use cairn_motion::glue::sites::KnownJoint;
 use cairn_motion::instance::Instance;
 use cairn_motion::pile::Pile;
 use cairn_prepare::changes::Changes;
@@ -261,6 +262,33 @@ impl Outcome {
         let all = self.delivered.len() + self.moved;
         (all > 0).then(|| self.delivered.len() as f64 / all as f64)
     }
+}
+
+/// Where most bodies of a pile are of an earlier one, its joints are a start: the search of glue begins with those of
+/// this share or more.
+const MOSTLY: f64 = 0.5;
+
+/// The joints of an earlier pile between bodies that stay; none where few stay.
+pub fn joints(kept: &Kept, earlier: &EarlierPile, pile: &Pile) -> Vec<KnownJoint> {
+    let mut ids: Vec<Option<BodyId>> = vec![None; earlier.bodies.len()];
+    for (id, &place) in pile.places.iter().enumerate().filter(|(_, place)| **place < kept.origins.len()) {
+        ids[kept.origins[place]] = Some(id);
+    }
+    if (ids.iter().flatten().count() as f64) < MOSTLY * pile.instances.len() as f64 {
+        return Vec::new();
+    }
+    let units = pile.world.units;
+    let force = units.mass * units.length / (units.time * units.time);
+    let joint = |dot: &EarlierDot| {
+        let body = ids[dot.body]?;
+        let other = match dot.other {
+            Some(other) => Some(ids[other]?),
+            None => None,
+        };
+        let (force, moment) = (dot.force / force, dot.moment / (force * units.length));
+        Some(KnownJoint { bodies: (body, other), force, moment })
+    };
+    earlier.dots.iter().filter_map(joint).collect()
 }
 
 /// Puts the kept bodies that stand where they were to their earlier poses, in the world and in all frames. Bodies that

@@ -341,7 +341,9 @@ pub fn release_pile<'a>(
                 // What is glued to scenery that moves would stay behind.
                 own.glue.anchor = Switch::Off;
             }
-            Some(glue::run(&mut sim, region, &own, &resolved, observer)?)
+            let known = full.kept.as_ref().zip(scene.earlier.as_ref());
+            let known = known.map_or(Vec::new(), |(kept, earlier)| keep::joints(kept, earlier, &sim.pile));
+            Some(glue::run(&mut sim, region, &known, &own, &resolved, observer)?)
         }
         false => None,
     };

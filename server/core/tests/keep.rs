@@ -2,10 +2,10 @@
 
 use super::common::{block, scene};
 use cairn_core::bake;
-use cairn_core::report::bake::{Bake, BakedBody};
+use cairn_core::report::bake::{Bake, BakedBody, BakedGlueDot};
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
-use cairn_input::earlier::{EarlierBody, EarlierPile, EarlierProp};
+use cairn_input::earlier::{EarlierBody, EarlierDot, EarlierPile, EarlierProp};
 use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, GlueMode, Params, Switch};
 use cairn_input::scene::{Model, Prop, Scene, StaticModel};
@@ -63,12 +63,24 @@ fn earlier(bake: &Bake, scene: &Scene, reach: f64) -> EarlierPile {
     EarlierPile {
         name: "earlier.glb".into(),
         bodies: bake.pile.bodies[..bake.pile.filled].iter().enumerate().map(body).collect(),
+        dots: dots(bake),
         shape: scene.control.as_ref().unwrap().mesh.clone(),
         scenery,
         ground: bake.pile.world.ground,
         refills: false,
         reach,
     }
+}
+
+fn dots(bake: &Bake) -> Vec<EarlierDot> {
+    let all = bake.pile.glue.iter().flat_map(|glue| &glue.dots);
+    let dot = |dot: &BakedGlueDot| EarlierDot {
+        body: dot.body,
+        other: dot.other,
+        force: dot.force.into(),
+        moment: dot.moment.into(),
+    };
+    all.map(dot).collect()
 }
 
 fn count(bake: &Bake, count: Count) -> usize {

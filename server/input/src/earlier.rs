@@ -2,6 +2,7 @@
 
 use cairn_geometry::mesh::TriMesh;
 use cairn_geometry::pose::Pose;
+use glam::DVec3;
 
 /// What an earlier bake filled, and with what. SI.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -10,6 +11,8 @@ pub struct EarlierPile {
     pub name: String,
     /// The bodies of its fill, in its order.
     pub bodies: Vec<EarlierBody>,
+    /// Its glue: where joints of the next pile's are looked for first.
+    pub dots: Vec<EarlierDot>,
     /// The shape that was filled, as placed in the world; coordinates in single precision.
     pub shape: TriMesh,
     /// Scenery near the shape, as it stood in the first frame; coordinates in single precision.
@@ -33,6 +36,18 @@ pub struct EarlierBody {
     /// From the prop's own frame, scaled, to the world; metres: in the first frame, and in the last one.
     pub first: Pose,
     pub last: Pose,
+}
+
+/// A glue joint of an earlier pile.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct EarlierDot {
+    /// Index among the bodies.
+    pub body: usize,
+    /// The other body; `None`: the ground or scenery.
+    pub other: Option<usize>,
+    /// On `body`, N; and about the joint, N m.
+    pub force: DVec3,
+    pub moment: DVec3,
 }
 
 /// What became of the prop of an earlier body. The numbers are indices into the scene's props.

@@ -19,7 +19,7 @@ use cairn_geometry::pose::Pose;
 use cairn_input::error::Error;
 use cairn_input::observer::Observer;
 use cairn_input::params::{Params, Switch};
-use cairn_motion::glue::sites::Sites;
+use cairn_motion::glue::sites::{KnownJoint, Sites};
 use cairn_motion::glue::{Joint, PileGlue};
 use cairn_motion::step::Simulation;
 use cairn_prepare::effects::{EffectName, Resolved};
@@ -94,9 +94,11 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
+/// `known`: joints of an earlier pile, from which the search starts.
 pub fn run(
     sim: &mut Simulation,
     region: Option<&DistanceGrid>,
+    known: &[KnownJoint],
     params: &Params,
     resolved: &Resolved,
     observer: &mut dyn Observer,
@@ -112,7 +114,9 @@ pub fn run(
     };
     let standing = natural.as_ref().map_or(BTreeSet::new(), |natural| natural.standing(world));
     let sites = Sites::new(world, region, anchors, &standing);
+    let known = sites.known(known);
     let mut search = Search::new(sites, params, resolved, trials);
+    search.known = known;
     let mut glued = match proves {
         true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
         true => search.stable(observer)?,

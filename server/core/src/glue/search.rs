@@ -29,8 +29,8 @@ pub struct Search<'p, 'a> {
     pub trials: Trials<'p, 'a>,
     pub sites: Sites,
     anchors_all: bool,
-    /// Joints of the attempt before, if the next one starts from them.
-    known: Vec<GlueJoint>,
+    /// Joints of the attempt before, if the next one starts from them; at first, those of an earlier pile.
+    pub known: Vec<GlueJoint>,
     pub iterations: u64,
 }
 

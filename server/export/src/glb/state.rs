@@ -1,17 +1,18 @@
 //! What a later bake needs of a pile to change it: a buffer view that the extras of the node `pile` name, as
 //! `cairn.state`.
 //!
-//! Little-endian: the version, and the numbers of bodies, of points and triangles of the shape, and of those of the
+//! Little-endian: the version, and the numbers of bodies, of glue joints, of points and triangles of the shape, and of those of the
 //! scenery near it, as u32; height of the ground as f64, not a number without one; of each body prop and number in its
-//! name as u32, scale and the poses in the first and in the last frame as f64 (x, y, z; x, y, z, w); then points as
-//! f32 and triangles as u32 of the shape, and of the scenery.
+//! name as u32, scale and the poses in the first and in the last frame as f64 (x, y, z; x, y, z, w); of each glue joint
+//! that holds its bodies as u32, the largest for the ground and scenery, and force and moment on the first as f64; then
+//! points as f32 and triangles as u32 of the shape, and of the scenery.
 
-use cairn_core::report::bake::{BakedBody, BakedPile};
+use cairn_core::report::bake::{BakedBody, BakedGlueDot, BakedPile};
 use cairn_geometry::mesh::{TriMesh, bounds, boxes_meet};
 use cairn_geometry::pose::Pose;
 use cairn_gltf::Document;
 use cairn_gltf::document::{reference, references};
-use cairn_input::earlier::{EarlierBody, EarlierProp};
+use cairn_input::earlier::{EarlierBody, EarlierDot, EarlierProp};
 use cairn_input::scene::StaticModel;
 use glam::{DQuat, DVec3};
 use serde_json::Value;
@@ -20,6 +21,7 @@ use serde_json::Value;
 pub const KEY: &str = "state";
 
 const VERSION: u32 = 1;
+const NO_BODY: u32 = u32::MAX;
 /// Scenery that is farther from the shape than this, d, is left out: no change of it is near a body.
 const FAR: f64 = 4.0;
 
@@ -28,6 +30,8 @@ const FAR: f64 = 4.0;
 pub struct PileState {
     /// The bodies of the fill. Each prop is an index into the props of the result's scene.
     pub bodies: Vec<EarlierBody>,
+    /// Its glue between them, and to the ground and scenery.
+    pub dots: Vec<EarlierDot>,
     /// The shape that was filled; coordinates in single precision.
     pub shape: TriMesh,
     /// Scenery near it in the first frame; coordinates in single precision.
@@ -49,8 +53,18 @@ pub enum NoState {
 pub fn encode(bake: &BakedPile, shape: &TriMesh, colliders: &[StaticModel]) -> Vec<u8> {
     let scenery = scenery(shape, colliders, FAR * bake.world.diameter);
     let mut bytes = Vec::new();
-    let counts =
-        [bake.filled, shape.points.len(), shape.triangles.len(), scenery.points.len(), scenery.triangles.len()];
+    let is_own = |dot: &&BakedGlueDot| {
+        !dot.is_broken && dot.body < bake.filled && dot.other.is_none_or(|other| other < bake.filled)
+    };
+    let dots: Vec<&BakedGlueDot> = bake.glue.iter().flat_map(|glue| &glue.dots).filter(is_own).collect();
+    let counts = [
+        bake.filled,
+        dots.len(),
+        shape.points.len(),
+        shape.triangles.len(),
+        scenery.points.len(),
+        scenery.triangles.len(),
+    ];
     let whole = |bytes: &mut Vec<u8>, n: usize| bytes.extend((n as u32).to_le_bytes());
     whole(&mut bytes, VERSION as usize);
     counts.into_iter().for_each(|n| whole(&mut bytes, n));
@@ -65,6 +79,11 @@ pub fn encode(bake: &BakedPile, shape: &TriMesh, colliders: &[StaticModel]) -> V
             let numbers = pose.translation.to_array().into_iter().chain(pose.rotation.to_array());
             numbers.for_each(|x| bytes.extend(x.to_le_bytes()));
         }
+    }
+    for dot in dots {
+        whole(&mut bytes, dot.body);
+        whole(&mut bytes, dot.other.unwrap_or(NO_BODY as usize));
+        dot.force.iter().chain(&dot.moment).for_each(|x| bytes.extend(x.to_le_bytes()));
     }
     for mesh in [shape, &scenery] {
         mesh.points.iter().flat_map(|p| p.as_vec3().to_array()).for_each(|x| bytes.extend(x.to_le_bytes()));
@@ -151,6 +170,14 @@ impl Cursor<'_> {
         (scale > 0.0).then_some(EarlierBody { prop: EarlierProp::Same(prop), number, scale, first, last })
     }
 
+    fn dot(&mut self, bodies: u32) -> Option<EarlierDot> {
+        let (body, other) = (self.whole()?, Some(self.whole()?).filter(|other| *other != NO_BODY));
+        let (force, moment) = (self.vector()?, self.vector()?);
+        let is_there = body < bodies && other.is_none_or(|other| other < bodies && other != body);
+        let other = other.map(|other| other as usize);
+        is_there.then_some(EarlierDot { body: body as usize, other, force, moment })
+    }
+
     fn mesh(&mut self, points: u32, triangles: u32) -> Option<TriMesh> {
         let mut coordinate = || self.take().map(f32::from_le_bytes).filter(|x| x.is_finite()).map(f64::from);
         let mut mesh = TriMesh::default();
@@ -171,16 +198,21 @@ impl Cursor<'_> {
         if self.whole()? != VERSION {
             return None;
         }
-        let [count, points, triangles, near_points, near_triangles] =
-            [self.whole()?, self.whole()?, self.whole()?, self.whole()?, self.whole()?];
+        let [count, joints] = [self.whole()?, self.whole()?];
+        let [points, triangles, near_points, near_triangles] =
+            [self.whole()?, self.whole()?, self.whole()?, self.whole()?];
         let ground = Some(self.number()?).filter(|height| height.is_finite());
         let mut bodies = Vec::new();
         for _ in 0..count {
             bodies.push(self.body()?);
         }
+        let mut dots = Vec::new();
+        for _ in 0..joints {
+            dots.push(self.dot(count)?);
+        }
         let shape = self.mesh(points, triangles)?;
         let scenery = self.mesh(near_points, near_triangles)?;
-        self.bytes.is_empty().then_some(PileState { bodies, shape, scenery, ground })
+        self.bytes.is_empty().then_some(PileState { bodies, dots, shape, scenery, ground })
     }
 }
 
@@ -191,7 +223,7 @@ mod tests {
     #[test]
     fn a_damaged_state_is_refused() {
         let triangle = TriMesh { points: vec![DVec3::ZERO, DVec3::X, DVec3::Y], triangles: vec![[0, 1, 2]] };
-        let mut bytes: Vec<u8> = [VERSION, 0, 3, 1, 0, 0].iter().flat_map(|n| n.to_le_bytes()).collect();
+        let mut bytes: Vec<u8> = [VERSION, 0, 0, 3, 1, 0, 0].iter().flat_map(|n| n.to_le_bytes()).collect();
         bytes.extend(f64::NAN.to_le_bytes());
         triangle.points.iter().flat_map(|p| p.as_vec3().to_array()).for_each(|x| bytes.extend(x.to_le_bytes()));
         bytes.extend([0u32, 1, 2].iter().flat_map(|v| v.to_le_bytes()));

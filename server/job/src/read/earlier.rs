@@ -103,8 +103,8 @@ impl SceneReader {
         let is_filled_alike = origin.scene.get("fill") == own.get("fill")
             && origin.scene.get("piles").is_some() == own.get("piles").is_some();
         let refills = !is_filled_alike || drawn(&old) != drawn(&new);
-        let (shape, scenery, ground) = (state.shape, state.scenery, state.ground);
-        Ok(EarlierPile { name: name.to_owned(), bodies, shape, scenery, ground, refills, reach: 0.0 })
+        let (dots, shape, scenery, ground) = (state.dots, state.shape, state.scenery, state.ground);
+        Ok(EarlierPile { name: name.to_owned(), bodies, dots, shape, scenery, ground, refills, reach: 0.0 })
     }
 
     /// Whether a prop of an earlier scene is this one: the same part of a file of the same content.

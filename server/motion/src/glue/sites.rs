@@ -8,9 +8,9 @@ use cairn_engine::world::{BodyId, ContactPair, PairSide, Role, SOLVED, World};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::interior::DistanceGrid;
 use cairn_statics::global::GlobalContact;
-use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
+use cairn_statics::glue::{GlueJoint, GluePlacement, GlueProblem, GlueSite};
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A joint carries moments as if by forces this far apart, as a share of the smaller body's radius. The value of the
 /// first study of glue, kept by all later ones. Guards against moments that cost nothing.
@@ -25,6 +25,16 @@ const PEG: f64 = 0.5;
 const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
 /// Widest gap of a bridge, d, however thick the bodies are.
 const WIDEST: f64 = 0.75;
+
+/// A joint that an earlier pile had between two bodies, or, with `None`, between one and the fixed surroundings. Engine
+/// units.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownJoint {
+    pub bodies: (BodyId, Option<BodyId>),
+    /// On the first one.
+    pub force: DVec3,
+    pub moment: DVec3,
+}
 
 /// The bodies of a pile and the sites between them. Engine units.
 #[derive(Clone)]
@@ -102,6 +112,24 @@ impl Sites {
             }
         }
         sites
+    }
+
+    /// Joints at these sites, as far as there are such: the two bodies of each, `None` for the fixed surroundings, and
+    /// force and moment on the first.
+    pub fn known(&self, joints: &[KnownJoint]) -> Vec<GlueJoint> {
+        let between = self.between.iter().enumerate().map(|(site, &(a, b))| {
+            let b = if let PairSide::Body(b) = b { Some(b) } else { None };
+            ((a, b), site)
+        });
+        let sites: BTreeMap<(BodyId, Option<BodyId>), usize> = between.collect();
+        let found = joints.iter().filter_map(|&KnownJoint { bodies: (a, b), force, moment }| {
+            let own = sites.get(&(a, b)).map(|&site| GlueJoint { site, force, moment });
+            let other = || b.and_then(|b| sites.get(&(b, Some(a))));
+            let other = || other().map(|&site| GlueJoint { site, force: -force, moment: -moment });
+            own.or_else(other).filter(|joint| self.sites[joint.site].may_glue)
+        });
+        let found: BTreeMap<usize, GlueJoint> = found.map(|joint| (joint.site, joint)).collect();
+        found.into_values().collect()
     }
 
     /// These bodies moved although friction should have held them: their friction no longer counts. Bodies that moved
