@@ -159,7 +159,7 @@ fn the_reach_says_how_much_is_exchanged() {
     let (old, same) = changed(&plain, &plain, 1.0);
     let kept = count(&same, Count::BodiesKept);
     assert!(kept as f64 >= 0.95 * old.bodies.len() as f64, "{kept} of {} kept", old.bodies.len());
-    assert_eq!(count(&same, Count::BodiesGone), 0);
+    assert_eq!((count(&same, Count::BodiesGone), count(&same, Count::BodiesNew)), (0, 0));
 }
 
 /// A bin at the right end is moved by half of its width.
@@ -194,7 +194,8 @@ fn a_replaced_prop_is_exchanged_and_the_other_stays() {
     let new = baked(&Scene { earlier: Some(old.clone()), ..before }, &glued());
     check_counts(&old, &new);
     let kept = count(&new, Count::BodiesKept);
-    assert!(kept as f64 >= 0.95 * bricks as f64, "{kept} of {bricks} bricks are kept");
+    // Those that lay on a larger cube may sink.
+    assert!(kept as f64 >= 0.9 * bricks as f64, "{kept} of {bricks} bricks are kept");
     // Most cubes have a smaller one in their place.
     let near = |body: &&EarlierBody| {
         let now = new.pile.bodies.iter().zip(new.pile.frames.last().unwrap());

@@ -208,6 +208,11 @@ impl SceneReader {
                 Problem::new("piles", what, "Leave piles, control_mesh or fill.into out, but for one of them.");
             self.problems.push(problem.of_field("piles"));
         }
+        if given.from.is_some() && !has_shape && !has_piles {
+            let remedy = "Give a control mesh, or leave `from` out.";
+            let problem = Problem::new("from", "the scene fills nothing that it could change", remedy);
+            self.problems.push(problem.of_field("from"));
+        }
         if !has_shape && !has_piles && given.bodies.is_empty() && given.emitters.is_empty() {
             let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";
             let problem = Problem::new("control_mesh", "there is no control mesh", remedy);

@@ -69,13 +69,11 @@ pub fn encode(bake: &BakedPile, shape: &TriMesh, colliders: &[StaticModel]) -> V
     whole(&mut bytes, VERSION as usize);
     counts.into_iter().for_each(|n| whole(&mut bytes, n));
     bytes.extend(bake.world.ground.unwrap_or(f64::NAN).to_le_bytes());
-    let (first, last) = (bake.frames.first(), bake.frames.last());
     for (id, &BakedBody { prop, number, scale, .. }) in bake.bodies.iter().enumerate().take(bake.filled) {
         whole(&mut bytes, prop);
         whole(&mut bytes, number);
         bytes.extend(scale.to_le_bytes());
-        for frame in [first, last] {
-            let pose = frame.map_or(Pose::IDENTITY, |frame| frame[id]);
+        for pose in ends(bake, id) {
             let numbers = pose.translation.to_array().into_iter().chain(pose.rotation.to_array());
             numbers.for_each(|x| bytes.extend(x.to_le_bytes()));
         }
@@ -90,6 +88,17 @@ pub fn encode(bake: &BakedPile, shape: &TriMesh, colliders: &[StaticModel]) -> V
         mesh.triangles.iter().flatten().for_each(|v| bytes.extend(v.to_le_bytes()));
     }
     bytes
+}
+
+/// The first and the last pose of a body. Of the two quaternions of its last rotation, it is the one that the animation
+/// has.
+fn ends(bake: &BakedPile, id: usize) -> [Pose; 2] {
+    let first = bake.frames.first().map_or(Pose::IDENTITY, |frame| frame[id]);
+    let last = bake.frames.iter().fold(first, |before, frame| {
+        let Pose { translation, rotation } = frame[id];
+        Pose { translation, rotation: if rotation.dot(before.rotation) < 0.0 { -rotation } else { rotation } }
+    });
+    [first, last]
 }
 
 /// Scenery near the shape as it stands in the first frame.
