@@ -14,7 +14,7 @@ use cairn_geometry::pose::Pose;
 use cairn_input::earlier::{EarlierBody, EarlierDot, EarlierPile, EarlierProp};
 use cairn_input::params::Params;
 use cairn_input::scene::Scene;
-use cairn_motion::glue::sites::KnownJoint;
+use cairn_motion::glue::sites::{KnownGlue, KnownJoint};
 use cairn_motion::instance::Instance;
 use cairn_motion::pile::Pile;
 use cairn_prepare::changes::Changes;
@@ -23,7 +23,7 @@ use cairn_prepare::container::Container;
 use cairn_prepare::effects::{EffectName, Resolved};
 use glam::DVec3;
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A kept body that is within this of its earlier pose at every moment, d, stands there: what moved it is the sag of
 /// the simulated pile between the earlier rest and this one, of which the trial of glue lets as much pass in the mean
@@ -280,15 +280,34 @@ impl Outcome {
 /// with all, 307 instead of 328, in two thirds of the time.
 const MOSTLY: f64 = 0.95;
 
-/// The joints of an earlier pile between bodies that stay; none where few stay.
-pub fn joints(kept: &Kept, earlier: &EarlierPile, pile: &Pile) -> Vec<KnownJoint> {
+/// A body that has no new body, and none that is gone, within this distance of its centre, d, is as it was: the glue
+/// there stays.
+const NEAR: f64 = 1.5;
+
+/// The glue of an earlier pile between bodies that stay.
+pub fn glue(kept: &Kept, earlier: &EarlierPile, pile: &Pile) -> KnownGlue {
     let mut ids: Vec<Option<BodyId>> = vec![None; earlier.bodies.len()];
     for (id, &place) in pile.places.iter().enumerate().filter(|(_, place)| **place < kept.origins.len()) {
         ids[kept.origins[place]] = Some(id);
     }
-    if (ids.iter().flatten().count() as f64) < MOSTLY * pile.instances.len() as f64 {
-        return Vec::new();
+    let stay: BTreeSet<BodyId> = ids.iter().flatten().copied().collect();
+    if earlier.dots.is_empty() {
+        return KnownGlue::default();
     }
+    let cell = |p: DVec3| (p / NEAR).floor().as_ivec3().to_array();
+    let mut others: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
+    let gone = earlier.bodies.iter().zip(&ids).filter(|(_, id)| id.is_none());
+    let gone = gone.map(|(body, _)| pile.world.units.point_to_engine(body.last.translation));
+    let new = (0..pile.instances.len()).filter(|id| !stay.contains(id)).map(|id| pile.instances[id].pose.translation);
+    gone.chain(new).for_each(|p| others.entry(cell(p)).or_default().push(p));
+    let is_still = |&id: &BodyId| {
+        let p = pile.instances[id].pose.translation;
+        let [x, y, z] = cell(p);
+        let near = |at: [i32; 3]| others.get(&at).is_some_and(|all| all.iter().any(|q| q.distance(p) <= NEAR));
+        !(-1..=1).any(|i| (-1..=1).any(|j| (-1..=1).any(|k| near([x + i, y + j, z + k]))))
+    };
+    let still = stay.iter().copied().filter(is_still).collect();
+    let is_start = stay.len() as f64 >= MOSTLY * pile.instances.len() as f64;
     let units = pile.world.units;
     let force = units.mass * units.length / (units.time * units.time);
     let joint = |dot: &EarlierDot| {
@@ -300,7 +319,7 @@ pub fn joints(kept: &Kept, earlier: &EarlierPile, pile: &Pile) -> Vec<KnownJoint
         let (force, moment) = (dot.force / force, dot.moment / (force * units.length));
         Some(KnownJoint { bodies: (body, other), force, moment })
     };
-    earlier.dots.iter().filter_map(joint).collect()
+    KnownGlue { joints: earlier.dots.iter().filter_map(joint).collect(), still, is_start }
 }
 
 /// Puts the kept bodies that stand where they were to their earlier poses, in the world and in all frames. Bodies that

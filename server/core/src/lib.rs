@@ -67,6 +67,7 @@ use cairn_input::error::SceneProblem;
 use cairn_input::observer::{Observer, Silent, Stage};
 use cairn_input::params::{Params, ReleaseOrder, Switch};
 use cairn_input::scene::{Prop, Scene, StaticModel};
+use cairn_motion::glue::sites::KnownGlue;
 use cairn_motion::hold::{self, HoldOutcome};
 use cairn_motion::step::Simulation;
 use cairn_prepare::check::{self, CheckedScene};
@@ -342,7 +343,7 @@ pub fn release_pile<'a>(
                 own.glue.anchor = Switch::Off;
             }
             let known = full.kept.as_ref().zip(scene.earlier.as_ref());
-            let known = known.map_or(Vec::new(), |(kept, earlier)| keep::joints(kept, earlier, &sim.pile));
+            let known = known.map_or_else(KnownGlue::default, |(kept, earlier)| keep::glue(kept, earlier, &sim.pile));
             Some(glue::run(&mut sim, region, &known, &own, &resolved, observer)?)
         }
         false => None,

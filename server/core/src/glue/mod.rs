@@ -19,10 +19,11 @@ use cairn_geometry::pose::Pose;
 use cairn_input::error::Error;
 use cairn_input::observer::Observer;
 use cairn_input::params::{Params, Switch};
-use cairn_motion::glue::sites::{KnownJoint, Sites};
+use cairn_motion::glue::sites::{KnownGlue, Sites};
 use cairn_motion::glue::{Joint, PileGlue};
 use cairn_motion::step::Simulation;
 use cairn_prepare::effects::{EffectName, Resolved};
+use cairn_statics::global::BALANCED;
 use glam::{DQuat, DVec3};
 use natural::Natural;
 use policy::{SAGS, TILT};
@@ -94,11 +95,12 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
-/// `known`: joints of an earlier pile, from which the search starts.
+/// `known`: the glue of an earlier pile, which stays among bodies that are as they were, unless the whole does not
+/// balance or stand with it.
 pub fn run(
     sim: &mut Simulation,
     region: Option<&DistanceGrid>,
-    known: &[KnownJoint],
+    known: &KnownGlue,
     params: &Params,
     resolved: &Resolved,
     observer: &mut dyn Observer,
@@ -113,16 +115,28 @@ pub fn run(
         false => None,
     };
     let standing = natural.as_ref().map_or(BTreeSet::new(), |natural| natural.standing(world));
-    let sites = Sites::new(world, region, anchors, &standing);
-    let known = sites.known(known);
-    let mut search = Search::new(sites, params, resolved, trials);
-    search.known = known;
-    let mut glued = match proves {
-        true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
-        true => search.stable(observer)?,
-        false => search.unproven(observer)?,
+    let fresh = Sites::new(world, region, anchors, &standing);
+    let mut iterations = 0;
+    let mut keeps = !known.still.is_empty();
+    let (mut glued, sites, mut trials) = loop {
+        let mut sites = fresh.clone();
+        let joints = sites.known(&known.joints);
+        let kept = if keeps { sites.keep(&known.still, &joints) } else { BTreeSet::new() };
+        let mut search = Search::new(sites, params, resolved, trials);
+        search.kept = kept;
+        search.known = if known.is_start { joints } else { Vec::new() };
+        let glued = match proves {
+            true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
+            true => search.stable(observer)?,
+            false => search.unproven(observer)?,
+        };
+        iterations += search.iterations;
+        let Search { trials: used, sites, .. } = search;
+        if !keeps || glued.stands() && glued.imbalance <= BALANCED {
+            break (glued, sites, used);
+        }
+        (keeps, trials) = (false, used);
     };
-    let Search { mut trials, sites, iterations, .. } = search;
     if params.glue.proof == Switch::On && proves {
         glued.poses_without_glue = match natural {
             Some(natural) => natural.trial.poses,

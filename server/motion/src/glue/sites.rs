@@ -36,6 +36,16 @@ pub struct KnownJoint {
     pub moment: DVec3,
 }
 
+/// The glue of an earlier pile, as far as its bodies are there again.
+#[derive(Clone, Debug, Default)]
+pub struct KnownGlue {
+    pub joints: Vec<KnownJoint>,
+    /// Bodies that have only bodies of the earlier pile near them: the glue among them stays.
+    pub still: BTreeSet<BodyId>,
+    /// The bodies are nearly all that there are: the search starts from the joints.
+    pub is_start: bool,
+}
+
 /// The bodies of a pile and the sites between them. Engine units.
 #[derive(Clone)]
 pub struct Sites {
@@ -130,6 +140,22 @@ impl Sites {
         });
         let found: BTreeMap<usize, GlueJoint> = found.map(|joint| (joint.site, joint)).collect();
         found.into_values().collect()
+    }
+
+    /// Between bodies that are as an earlier pile had them, and between these and the fixed surroundings, only these
+    /// sites may be glued. Returns them.
+    pub fn keep(&mut self, still: &BTreeSet<BodyId>, known: &[GlueJoint]) -> BTreeSet<usize> {
+        let known: BTreeSet<usize> = known.iter().map(|joint| joint.site).collect();
+        let mut kept = BTreeSet::new();
+        for (site, &(a, b)) in self.between.iter().enumerate() {
+            let is_still = still.contains(&a) && !matches!(b, PairSide::Body(b) if !still.contains(&b));
+            if is_still && known.contains(&site) {
+                kept.insert(site);
+            } else if is_still {
+                self.sites[site].may_glue = false;
+            }
+        }
+        kept
     }
 
     /// These bodies moved although friction should have held them: their friction no longer counts. Bodies that moved
