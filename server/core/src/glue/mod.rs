@@ -95,8 +95,8 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
-/// `known`: the glue of an earlier pile, which stays among bodies that are as they were, unless the whole does not
-/// balance or stand with it.
+/// `known`: the glue of an earlier pile, which stays among bodies that are as they were; there is no other among them,
+/// unless the whole does not balance or stand so.
 pub fn run(
     sim: &mut Simulation,
     region: Option<&DistanceGrid>,
@@ -115,13 +115,13 @@ pub fn run(
         false => None,
     };
     let standing = natural.as_ref().map_or(BTreeSet::new(), |natural| natural.standing(world));
-    let fresh = Sites::new(world, region, anchors, &standing);
+    let fresh = Sites::with_known(world, region, anchors, &standing, &known.joints);
     let mut iterations = 0;
-    let mut keeps = !known.still.is_empty();
+    let mut only = !known.still.is_empty();
     let (mut glued, sites, mut trials) = loop {
         let mut sites = fresh.clone();
         let joints = sites.known(&known.joints);
-        let kept = if keeps { sites.keep(&known.still, &joints) } else { BTreeSet::new() };
+        let kept = sites.keep(&known.still, &joints, only);
         let mut search = Search::new(sites, params, resolved, trials);
         search.kept = kept;
         search.known = if known.is_start { joints } else { Vec::new() };
@@ -132,10 +132,10 @@ pub fn run(
         };
         iterations += search.iterations;
         let Search { trials: used, sites, .. } = search;
-        if !keeps || glued.stands() && glued.imbalance <= BALANCED {
+        if !only || glued.stands() && glued.imbalance <= BALANCED {
             break (glued, sites, used);
         }
-        (keeps, trials) = (false, used);
+        (only, trials) = (false, used);
     };
     if params.glue.proof == Switch::On && proves {
         glued.poses_without_glue = match natural {

@@ -75,6 +75,18 @@ impl Sites {
     /// `region`: the glue acts inside it; `None`: everywhere. `anchors`: bodies may be glued to the fixed surroundings.
     /// `standing`: bodies that need no glue, and that touch none that does.
     pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool, standing: &BTreeSet<BodyId>) -> Sites {
+        Sites::with_known(world, region, anchors, standing, &[])
+    }
+
+    /// The same, and sites for joints that an earlier pile had: as that settled, bodies that are glued may have parted
+    /// a little.
+    pub fn with_known(
+        world: &World,
+        region: Option<&DistanceGrid>,
+        anchors: bool,
+        standing: &BTreeSet<BodyId>,
+        known: &[KnownJoint],
+    ) -> Sites {
         let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && !standing.contains(&id) && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
@@ -95,6 +107,13 @@ impl Sites {
             near.retain(bridges);
             add_new(&mut pairs, near);
             joined = joined_by(world, &inside, &pairs);
+        }
+        if !known.is_empty() {
+            let between = known.iter().filter_map(|joint| Some((joint.bodies.0, joint.bodies.1?)));
+            let between: BTreeSet<(BodyId, BodyId)> = between.flat_map(|(a, b)| [(a, b), (b, a)]).collect();
+            let mut near = world.contact_pairs(PEG);
+            near.retain(|pair| matches!(pair.b, PairSide::Body(b) if between.contains(&(pair.a, b))));
+            add_new(&mut pairs, near);
         }
         let pegs = pairs.len();
         if anchors {
@@ -142,16 +161,16 @@ impl Sites {
         found.into_values().collect()
     }
 
-    /// Between bodies that are as an earlier pile had them, and between these and the fixed surroundings, only these
-    /// sites may be glued. Returns them.
-    pub fn keep(&mut self, still: &BTreeSet<BodyId>, known: &[GlueJoint]) -> BTreeSet<usize> {
+    /// Those of these sites that are between bodies that are as an earlier pile had them, or between these and the fixed
+    /// surroundings. `only`: no other site between such bodies may be glued.
+    pub fn keep(&mut self, still: &BTreeSet<BodyId>, known: &[GlueJoint], only: bool) -> BTreeSet<usize> {
         let known: BTreeSet<usize> = known.iter().map(|joint| joint.site).collect();
         let mut kept = BTreeSet::new();
         for (site, &(a, b)) in self.between.iter().enumerate() {
             let is_still = still.contains(&a) && !matches!(b, PairSide::Body(b) if !still.contains(&b));
             if is_still && known.contains(&site) {
                 kept.insert(site);
-            } else if is_still {
+            } else if is_still && only {
                 self.sites[site].may_glue = false;
             }
         }
