@@ -84,3 +84,23 @@ fn a_chain_of_results_keeps_names_and_bits_and_is_verified() {
     std::fs::copy(desk.path("b.glb"), desk.path("a.glb")).unwrap();
     desk.line("verify b.glb").fails(65, &["its file a.glb is not here with the content that was baked"]);
 }
+
+/// A result whose state was changed is refused, with the file and the field.
+#[test]
+fn a_damaged_result_is_refused() {
+    let desk = desk();
+    desk.line(&format!("bake --control short.glb {HOW} --set fill.count=5 -o a.glb")).ok();
+    let bytes = std::fs::read(desk.path("a.glb")).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let json: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let pile = json["nodes"].as_array().unwrap().iter().find(|node| node["name"] == "pile").unwrap();
+    let view = pile["extras"]["cairn"]["state"].as_u64().unwrap() as usize;
+    let begin = 20 + length + 8 + json["bufferViews"][view]["byteOffset"].as_u64().unwrap() as usize;
+    // The version; the prop of the first body, behind seven counts and the ground.
+    for (at, words) in [(0, "what it holds of its pile is damaged"), (36, "its bodies and its props disagree")] {
+        let mut changed = bytes.clone();
+        changed[begin + at] = 9;
+        desk.write("changed.glb", changed);
+        desk.line(&format!("check --control long.glb {HOW} --from changed.glb")).fails(65, &["changed.glb", words]);
+    }
+}
