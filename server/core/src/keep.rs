@@ -33,7 +33,7 @@ pub const STAYS: f64 = 0.06;
 /// A body's corner may be this much farther outside the shape than the fill lets it, d, to be kept: since then, the
 /// pile has moved a little.
 const SLACK: f64 = 0.3;
-/// Edge of the cells in which places of the region are told apart, d.
+/// Edge of the cells in which places of the region differ, d.
 const CELL: f64 = 0.25;
 
 /// What stays of an earlier pile, and where the fill adds to it. Engine units.

@@ -21,7 +21,8 @@ pub struct EarlierPile {
     pub ground: Option<f64>,
     /// A body stays if nothing is new within this distance of its centre, d.
     pub reach: f64,
-    /// The fill may add bodies anywhere in the shape: its parameters, or weights of props, differ from the earlier ones.
+    /// The fill may add bodies anywhere in the shape: its parameters, or weights of props, differ from the earlier
+    /// ones.
     pub refills: bool,
 }
 

@@ -1,11 +1,11 @@
 //! What a later bake needs of a pile to change it: a buffer view that the extras of the node `pile` name, as
 //! `cairn.state`.
 //!
-//! Little-endian: the version, and the numbers of bodies, of glue joints, of points and triangles of the shape, and of those of the
-//! scenery near it, as u32; height of the ground as f64, not a number without one; of each body prop and number in its
-//! name as u32, scale and the poses in the first and in the last frame as f64 (x, y, z; x, y, z, w); of each glue joint
-//! that holds its bodies as u32, the largest for the ground and scenery, and force and moment on the first as f64; then
-//! points as f32 and triangles as u32 of the shape, and of the scenery.
+//! Little-endian: the version, and the numbers of bodies, of glue joints, of points and triangles of the shape, and of
+//! those of the scenery near it, as u32; height of the ground as f64, not a number without one; of each body prop and
+//! number in its name as u32, scale and the poses in the first and in the last frame as f64 (x, y, z; x, y, z, w); of
+//! each glue joint its bodies as u32, the largest for the ground and scenery, and force and moment on the first as f64;
+//! then points as f32 and triangles as u32 of the shape, and of the scenery.
 
 use cairn_core::report::bake::{BakedBody, BakedGlueDot, BakedPile};
 use cairn_geometry::mesh::{TriMesh, bounds, boxes_meet};

@@ -161,8 +161,8 @@ impl Sites {
         found.into_values().collect()
     }
 
-    /// Those of these sites that are between bodies that are as an earlier pile had them, or between these and the fixed
-    /// surroundings. `only`: no other site between such bodies may be glued.
+    /// Those of these sites that are between bodies that are as an earlier pile had them, or between these and the
+    /// fixed surroundings. `only`: no other site between such bodies may be glued.
     pub fn keep(&mut self, still: &BTreeSet<BodyId>, known: &[GlueJoint], only: bool) -> BTreeSet<usize> {
         let known: BTreeSet<usize> = known.iter().map(|joint| joint.site).collect();
         let mut kept = BTreeSet::new();
