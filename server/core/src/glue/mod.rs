@@ -23,7 +23,6 @@ use cairn_motion::glue::sites::{KnownGlue, Sites};
 use cairn_motion::glue::{Joint, PileGlue};
 use cairn_motion::step::Simulation;
 use cairn_prepare::effects::{EffectName, Resolved};
-use cairn_statics::global::BALANCED;
 use glam::{DQuat, DVec3};
 use natural::Natural;
 use policy::{SAGS, TILT};
@@ -95,8 +94,7 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
-/// `known`: the glue of an earlier pile, which stays among bodies that are as they were; there is no other among them,
-/// unless the whole does not balance or stand so.
+/// `known`: the glue of an earlier pile, which stays among bodies that are as they were.
 pub fn run(
     sim: &mut Simulation,
     region: Option<&DistanceGrid>,
@@ -115,28 +113,18 @@ pub fn run(
         false => None,
     };
     let standing = natural.as_ref().map_or(BTreeSet::new(), |natural| natural.standing(world));
-    let fresh = Sites::with_known(world, region, anchors, &standing, &known.joints);
-    let mut iterations = 0;
-    let mut only = !known.still.is_empty();
-    let (mut glued, sites, mut trials) = loop {
-        let mut sites = fresh.clone();
-        let joints = sites.known(&known.joints);
-        let kept = sites.keep(&known.still, &joints, only);
-        let mut search = Search::new(sites, params, resolved, trials);
-        search.kept = kept;
-        search.known = if known.is_start { joints } else { Vec::new() };
-        let glued = match proves {
-            true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
-            true => search.stable(observer)?,
-            false => search.unproven(observer)?,
-        };
-        iterations += search.iterations;
-        let Search { trials: used, sites, .. } = search;
-        if !only || glued.stands() && glued.imbalance <= BALANCED {
-            break (glued, sites, used);
-        }
-        (only, trials) = (false, used);
+    let sites = Sites::with_known(world, region, anchors, &standing, &known.joints);
+    let joints = sites.known(&known.joints);
+    let kept = sites.among(&known.still, &joints);
+    let mut search = Search::new(sites, params, resolved, trials);
+    search.kept = kept;
+    search.known = if known.is_start { joints } else { Vec::new() };
+    let mut glued = match proves {
+        true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
+        true => search.stable(observer)?,
+        false => search.unproven(observer)?,
     };
+    let Search { mut trials, sites, iterations, .. } = search;
     if params.glue.proof == Switch::On && proves {
         glued.poses_without_glue = match natural {
             Some(natural) => natural.trial.poses,

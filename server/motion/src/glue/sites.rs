@@ -161,20 +161,13 @@ impl Sites {
         found.into_values().collect()
     }
 
-    /// Those of these sites that are between bodies that are as an earlier pile had them, or between these and the
-    /// fixed surroundings. `only`: no other site between such bodies may be glued.
-    pub fn keep(&mut self, still: &BTreeSet<BodyId>, known: &[GlueJoint], only: bool) -> BTreeSet<usize> {
-        let known: BTreeSet<usize> = known.iter().map(|joint| joint.site).collect();
-        let mut kept = BTreeSet::new();
-        for (site, &(a, b)) in self.between.iter().enumerate() {
-            let is_still = still.contains(&a) && !matches!(b, PairSide::Body(b) if !still.contains(&b));
-            if is_still && known.contains(&site) {
-                kept.insert(site);
-            } else if is_still && only {
-                self.sites[site].may_glue = false;
-            }
-        }
-        kept
+    /// Those of these joints' sites that are between these bodies, or between one of them and the fixed surroundings.
+    pub fn among(&self, bodies: &BTreeSet<BodyId>, joints: &[GlueJoint]) -> BTreeSet<usize> {
+        let is_among = |site: &usize| {
+            let (a, b) = self.between[*site];
+            bodies.contains(&a) && !matches!(b, PairSide::Body(b) if !bodies.contains(&b))
+        };
+        joints.iter().map(|joint| joint.site).filter(is_among).collect()
     }
 
     /// These bodies moved although friction should have held them: their friction no longer counts. Bodies that moved
