@@ -70,7 +70,7 @@ fn the_stated_defaults_are_the_defaults() {
     let mut scene = scene();
     // A bake has no use for a control mesh beside these.
     let lists = ["piles.0.path=cone.glb", "around.0.path=pile.glb", "usd.embed=false", "remove.0.number=0"];
-    for one in lists.into_iter().chain(["collapse.azimuth=0"]) {
+    for one in lists.into_iter().chain(["collapse.azimuth=0", "from.path=pile.glb"]) {
         scene.set(one).unwrap();
     }
     let message = scene.to_message();

@@ -11,6 +11,7 @@ mod desk;
 mod effects;
 mod examples;
 mod faults;
+mod former;
 mod goals;
 mod mcp;
 mod measures;

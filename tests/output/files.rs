@@ -16,8 +16,15 @@ pub fn no_files(uri: &str) -> Result<Vec<u8>, String> {
 
 /// A pile of bodies (prop, scale) with the given poses.
 pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
-    let body = |prop, scale| BakedBody { prop, scale, first_frame: 0, mass_factor: 1.0, is_pinned: false };
-    let bodies: Vec<BakedBody> = bodies.iter().map(|&(prop, scale)| body(prop, scale)).collect();
+    let body = |(number, &(prop, scale))| BakedBody {
+        prop,
+        number,
+        scale,
+        first_frame: 0,
+        mass_factor: 1.0,
+        is_pinned: false,
+    };
+    let bodies: Vec<BakedBody> = bodies.iter().enumerate().map(body).collect();
     let ball = BakedSolid {
         pivot: DVec3::ZERO,
         center: DVec3::ZERO,
@@ -29,7 +36,7 @@ pub fn pile_of(bodies: &[(usize, f64)], frames: Vec<Vec<Pose>>) -> BakedPile {
     };
     let solids = vec![ball; bodies.iter().map(|body| body.prop + 1).max().unwrap_or(0)];
     let world = BakedWorld { gravity: 9.81, ground: Some(0.0), ground_friction: 0.7, diameter: 1.0 };
-    BakedPile { fps: 24.0, bodies, frames, scenery: Vec::new(), glue: None, solids, world }
+    BakedPile { fps: 24.0, bodies, filled: 0, frames, scenery: Vec::new(), glue: None, solids, world }
 }
 
 /// The center of mass of a prop that lies far from its origin, in its own frame.

@@ -10,8 +10,9 @@ use glam::{DQuat, DVec3};
 pub fn model(library: &Library, line: &Line) -> Result<Vec<u8>, ExportError> {
     let scene = library.scene();
     let place = line.place_number;
-    let bodies = line.bodies.iter().map(|body| BakedBody {
+    let bodies = line.bodies.iter().enumerate().map(|(number, body)| BakedBody {
         prop: body.prop,
+        number,
         scale: body.scale,
         first_frame: 0,
         mass_factor: 1.0,
@@ -25,6 +26,7 @@ pub fn model(library: &Library, line: &Line) -> Result<Vec<u8>, ExportError> {
     let pile = BakedPile {
         fps: 1.0,
         bodies: bodies.collect(),
+        filled: 0,
         frames: vec![line.bodies.iter().map(pose).collect()],
         scenery: vec![Vec::new()],
         glue: None,

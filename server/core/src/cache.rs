@@ -4,6 +4,7 @@
 
 use crate::fill::Filled;
 use cairn_engine::shape::Shape;
+use cairn_input::earlier::EarlierPile;
 use cairn_input::observer::{Frame, FrameBody, Observer, Progress, Stage};
 use cairn_input::params::{Base, Fill, Params, Physics};
 use cairn_input::scene::{Model, PileShape, PlacedBody, Prop, Scene, StaticModel};
@@ -30,6 +31,8 @@ pub struct FillInputs<'a> {
     physics: &'a Physics,
     base: &'a Base,
     fill: &'a Fill,
+    /// What the fill may keep, and all that decides which poses it keeps.
+    earlier: Option<(&'a EarlierPile, &'a Params)>,
     /// The rate of the frames that the observer gets; `None` where it wants none.
     fps: Option<f64>,
 }
@@ -51,6 +54,7 @@ impl<'a> FillInputs<'a> {
             physics: &params.physics,
             base: &params.base,
             fill: &params.fill,
+            earlier: scene.earlier.as_ref().map(|earlier| (earlier, params)),
             fps: with_frames.then_some(params.output.fps),
         }
     }

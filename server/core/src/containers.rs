@@ -1,6 +1,7 @@
 //! The containers of a scene, and the fill of several.
 
-use super::fill::{self, Filled};
+use super::fill::{self, FillTask, Filled};
+use super::keep::Kept;
 use cairn_engine::shape::Shape;
 use cairn_engine::world::Units;
 use cairn_input::error::Error;
@@ -36,30 +37,41 @@ pub fn of(
     })
 }
 
+/// What the fills of several shapes share.
+pub struct CommonFill<'a> {
+    pub scene: &'a Scene,
+    /// Shape `[prop]`.
+    pub shapes: &'a [Shape],
+    pub params: &'a Params,
+    pub resolved: &'a Resolved,
+    pub units: Units,
+    /// What stays of an earlier pile.
+    pub kept: Option<&'a Kept>,
+}
+
 /// Fills several shapes, one after the other: each leaves the bodies of those before it alone. `piles`: each with its
 /// surroundings.
 pub fn fill_all<'a>(
-    scene: &Scene,
-    shapes: &[Shape],
-    params: &Params,
+    common: &CommonFill,
     piles: impl ExactSizeIterator<Item = (&'a CheckedScene, Option<Surroundings>)>,
-    resolved: &Resolved,
-    units: Units,
     observer: &mut dyn Observer,
 ) -> Result<Filled, Error> {
+    let &CommonFill { scene, shapes, params, resolved, units, kept } = common;
     let count = piles.len();
     let mut all: Option<(Filled, f64)> = None;
     for (index, (checked, around)) in piles.enumerate() {
         let (own, mut params) = (scene.of_pile(index), scene.params_of_pile(index, params));
         let others = all.as_ref().map_or(&[][..], |(filled, _)| &filled.bodies);
-        let left = (params.fill.max_bodies as usize).saturating_sub(others.len());
+        let there = others.len() + kept.map_or(0, |kept| kept.instances.len());
+        let left = (params.fill.max_bodies as usize).saturating_sub(there);
         params.fill.max_bodies = u32::try_from(left).unwrap_or(u32::MAX);
         let Some(container) = of(&own, &params, checked, around, resolved, &units).filter(|_| left > 0) else {
             all.iter_mut().for_each(|(filled, _)| filled.full = false);
             break;
         };
         let mut part = PartOfFill { to: observer, begin: index as f64 / count as f64, share: 1.0 / count as f64 };
-        let filled = fill::run(&own, shapes, &params, units, &container, others, &mut part)?;
+        let task = FillTask::new(&own, shapes, &params, units, &container, kept);
+        let filled = fill::run(task, others, &mut part)?;
         match &mut all {
             None => all = Some((filled, container.volume)),
             Some((joined, volume)) => {

@@ -15,7 +15,8 @@ use cairn_input::params::{FillMethod, Params};
 use cairn_input::scene::Scene;
 use cairn_motion::instance::Instance;
 use cairn_prepare::container::Container;
-use filling::{FillTask, Filling};
+pub use filling::FillTask;
+use filling::Filling;
 use glam::DVec3;
 use method::{Method, Pass};
 use world::EnclosureMeshes;
@@ -91,20 +92,12 @@ const REPLACEMENTS: usize = 5;
 /// Settling between the passes of depenetration, and after the bodies have shrunk to their size, characteristic times.
 const CLOSE_GAPS: f64 = 1.0;
 
-/// Fills the container and lets the props settle in it. `others`: bodies of other piles, which the fill leaves alone.
-/// An error if not one prop found room.
-pub fn run(
-    scene: &Scene,
-    shapes: &[Shape],
-    params: &Params,
-    units: Units,
-    container: &Container,
-    others: &[Instance],
-    observer: &mut dyn Observer,
-) -> Result<Filled, Error> {
-    let task = FillTask::new(scene, shapes, params, units, container);
+/// Fills the container and lets the props settle in it. `others`: bodies of other piles, which the fill leaves alone,
+/// as it does those that an earlier pile had there. An error if not one prop found room.
+pub fn run(task: FillTask, others: &[Instance], observer: &mut dyn Observer) -> Result<Filled, Error> {
+    let FillTask { scene, params, container, .. } = task;
     let (fill, wanted) = (&params.fill, task.wanted());
-    let mut method = method::of(fill.method);
+    let mut method = method::of(task.method());
     let mut filling = Filling::new(task, method.gravity(task.height()), true);
     filling.place_given(others)?;
     let zones = Zones::new(&task, &mut filling.rng);
@@ -113,7 +106,7 @@ pub fn run(
     let closed = container.closed(fill.loosened());
     let outer = (fill.standing_out() > 0.0).then(|| container.closed(fill.outside()));
     let enclosure = filling.world.enclose(
-        PLACES * task.expected.min(fill.max_bodies as usize),
+        PLACES * (task.expected + task.kept_inside).min(fill.max_bodies as usize),
         &EnclosureMeshes {
             container: &closed.mesh,
             outer: outer.as_ref().map(|outer| &outer.mesh),
@@ -127,7 +120,11 @@ pub fn run(
             filling.remove_from_scenery();
             full
         }
-        None => fill_closed(&mut *method, &mut filling, zones.as_ref(), wanted, observer)?,
+        None => {
+            let exchanged = task.kept.map_or(&[][..], |kept| &kept.exchanged);
+            method::grow_at(&mut filling, exchanged, observer)?;
+            fill_closed(&mut *method, &mut filling, zones.as_ref(), wanted, observer)?
+        }
     };
     filling.use_real_friction();
     filling.world.use_scenery_friction(&enclosure);
@@ -140,7 +137,7 @@ pub fn run(
     }
     filling.clean_up(observer)?;
     for _ in 0..REPLACEMENTS {
-        let is_short = fill.count.is_some_and(|n| filling.world.loose().count() < n as usize);
+        let is_short = fill.count.is_some() && filling.world.loose().count() < wanted;
         if full || poured.is_some() || !is_short {
             break;
         }
@@ -158,7 +155,7 @@ pub fn run(
     let depenetration_steps = depenetration_steps + filling.part_in_scenery(observer)?;
     filling.world.validate(wanted);
     let bodies: Vec<Instance> = filling.world.loose().map(|id| filling.world.instance(id)).collect();
-    if bodies.is_empty() {
+    if bodies.is_empty() && task.kept_inside == 0 {
         let name = scene.control.as_ref().map_or("", |model| &model.name);
         let text =
             format!("{name}: not one prop found room inside; make the control mesh larger, or the props smaller");
@@ -191,7 +188,7 @@ fn part(filling: &mut Filling, observer: &mut dyn Observer) -> Result<u64, Error
         filling.settle(CLOSE_GAPS, observer)?;
     }
     let mut second = filling.depenetrate(observer)?;
-    if filling.task.params.fill.method == FillMethod::Insert {
+    if filling.task.method() == FillMethod::Insert {
         second += filling.free_locked(observer)?;
     }
     // What is stacked stands on what is below it.
@@ -243,7 +240,7 @@ pub fn pour_only(
     container: &Container,
     observer: &mut dyn Observer,
 ) -> Result<Vec<Instance>, Error> {
-    let task = FillTask::new(scene, shapes, params, units, container);
+    let task = FillTask::new(scene, shapes, params, units, container, None);
     let mut method = method::of(params.fill.method);
     let mut filling = Filling::new(task, method.gravity(task.height()), false);
     fill_open(&mut *method, &mut filling, observer)?;

@@ -46,6 +46,7 @@ pub mod fill;
 pub mod free_pour;
 pub mod free_standing;
 pub mod glue;
+pub mod keep;
 pub mod release;
 pub mod report;
 pub mod separate;
@@ -67,6 +68,7 @@ use cairn_input::error::SceneProblem;
 use cairn_input::observer::{Observer, Silent, Stage};
 use cairn_input::params::{Params, ReleaseOrder, Switch};
 use cairn_input::scene::{Prop, Scene, StaticModel};
+use cairn_motion::glue::sites::KnownGlue;
 use cairn_motion::hold::{self, HoldOutcome};
 use cairn_motion::step::Simulation;
 use cairn_prepare::check::{self, CheckedScene};
@@ -77,8 +79,10 @@ use cairn_prepare::plan::{self, Plan};
 use cairn_show::collapse;
 use cairn_show::entrance::{self, Entrance};
 use cairn_show::taking_apart::{self, RemovedBody};
-use fill::Filled;
+use containers::CommonFill;
+use fill::{FillTask, Filled};
 use glue::Glued;
+use keep::{Kept, Outcome};
 use rayon::prelude::*;
 use report::bake::{Bake, BakedBody, BakedPile, BakedSolid, BakedWorld, prop_frames};
 use report::clock::Clock;
@@ -163,6 +167,8 @@ pub struct FullContainer {
     shapes: Vec<Shape>,
     units: Units,
     filled: Option<(Container, Filled)>,
+    /// What stays of an earlier pile: the first bodies of the fill.
+    kept: Option<Kept>,
     /// The region of control and glue, if it is not the inside of the container; engine units.
     region: Option<DistanceGrid>,
     /// The fill comes from the cache.
@@ -193,6 +199,7 @@ impl FullContainer {
             shapes: &self.shapes,
             units: self.units,
             bodies: self.filled.as_ref().map_or(&[][..], |(_, filled)| &filled.bodies),
+            kept: self.kept.as_ref().map_or(0, |kept| kept.instances.len()),
             ground: self.checked.ground,
             container: self.filled.as_ref().map(|(container, _)| container),
             core: self.checked.core.as_ref(),
@@ -247,6 +254,7 @@ pub fn fill_checked(
     let units = Units::new(checked.diameter, median_mass(scene, &shapes, &checked.shares), params.gravity);
     let units = units.about(scene.middle());
     let container = containers::of(scene, params, &checked, surroundings, &resolved, &units);
+    let kept = Kept::new(scene, params, &checked, &resolved, &shapes, units, container.as_ref());
     let target = checked.target().filter(|_| container.is_none());
     let region = checked.region.as_ref().or(target).map(|closed| grid(&closed.mesh, &units).1);
     clock.lap(Stage::Shape, observer);
@@ -261,12 +269,20 @@ pub fn fill_checked(
             let mut filled = None;
             if let Some(container) = &container {
                 filled = Some(match checked.piles.is_empty() {
-                    true => fill::run(scene, &shapes, params, units, container, &[], &mut keeper)?,
+                    true => {
+                        let task = FillTask::new(scene, &shapes, params, units, container, kept.as_ref());
+                        fill::run(task, &[], &mut keeper)?
+                    }
                     false => {
                         let piles = checked.piles.iter().zip(of_piles);
-                        containers::fill_all(scene, &shapes, params, piles, &resolved, units, &mut keeper)?
+                        let kept = kept.as_ref();
+                        let (shapes, resolved) = (&shapes, &resolved);
+                        let common = CommonFill { scene, shapes, params, resolved, units, kept };
+                        containers::fill_all(&common, piles, &mut keeper)?
                     }
                 });
+                let first = kept.iter().flat_map(|kept| &kept.instances).copied();
+                filled.iter_mut().for_each(|filled: &mut Filled| drop(filled.bodies.splice(0..0, first.clone())));
                 clock.lap(Stage::Fill, &mut keeper);
             }
             let found = CachedFill { shapes, filled, shown: keeper.into_shown() };
@@ -279,7 +295,7 @@ pub fn fill_checked(
     };
     clock.skip(observer);
     let filled = container.zip(found.filled);
-    Ok(FullContainer { checked, shapes: found.shapes, units, filled, region, is_cached, clock })
+    Ok(FullContainer { checked, shapes: found.shapes, units, filled, kept, region, is_cached, clock })
 }
 
 /// A pile at rest, or at its last frame: all of a bake but its figures.
@@ -293,6 +309,8 @@ pub struct Released<'a> {
     glued: Option<Glued>,
     held: HoldOutcome,
     removed: Vec<RemovedBody>,
+    /// What became of an earlier pile.
+    outcome: Option<Outcome>,
     collapsed: Option<collapse::Collapse>,
     separation: Option<Separation>,
     /// With every frame that was kept.
@@ -325,7 +343,9 @@ pub fn release_pile<'a>(
                 // What is glued to scenery that moves would stay behind.
                 own.glue.anchor = Switch::Off;
             }
-            Some(glue::run(&mut sim, region, &own, &resolved, observer)?)
+            let known = full.kept.as_ref().zip(scene.earlier.as_ref());
+            let known = known.map_or_else(KnownGlue::default, |(kept, earlier)| keep::glue(kept, earlier, &sim.pile));
+            Some(glue::run(&mut sim, region, &known, &own, &resolved, observer)?)
         }
         false => None,
     };
@@ -346,12 +366,15 @@ pub fn release_pile<'a>(
     let ground = params.ground.then_some(full.checked.ground);
     let (held, removed) = taking_apart::run(&mut sim, &scene.removals, params, ground, held, observer)?;
     let (held, collapsed) = collapse::run(&mut sim, scene.collapse.as_ref(), params, held, observer)?;
+    let outcome = full.kept.as_ref().zip(scene.earlier.as_ref());
+    let outcome = outcome.map(|(kept, earlier)| keep::deliver(kept, earlier, &mut sim.pile));
+    let stays: BTreeSet<usize> = outcome.iter().filter(|outcome| !outcome.from_first).flat_map(Outcome::ids).collect();
     let separation = resolved.is_on(EffectName::Separation);
-    let separation = separation.then(|| separate::run(&mut sim.pile, held.at_rest, params, ground, observer));
+    let separation = separation.then(|| separate::run(&mut sim.pile, &stays, held.at_rest, params, ground, observer));
     hold::finish(&mut sim, params, observer);
     clock.lap(Stage::Hold, observer);
 
-    let pile = baked_pile(scene, params, full, &sim, glued.is_some())?;
+    let pile = baked_pile(scene, params, full, &sim, outcome.as_ref(), glued.is_some())?;
     let entrance = match sim.hides_frames {
         true => Some(entered(&sim, params, &pile, observer)?),
         false => None,
@@ -367,6 +390,7 @@ pub fn release_pile<'a>(
         glued,
         held,
         removed,
+        outcome,
         collapsed,
         separation,
         pile,
@@ -397,9 +421,11 @@ fn baked_pile(
     params: &Params,
     full: &FullContainer,
     sim: &Simulation,
+    outcome: Option<&Outcome>,
     is_glued: bool,
 ) -> Result<BakedPile, Error> {
-    let (bodies, frames) = prop_frames(&sim.pile);
+    let (mut bodies, mut frames) = prop_frames(&sim.pile);
+    outcome.iter().for_each(|outcome| outcome.apply(&mut bodies, &mut frames));
     if bodies.is_empty() {
         let text = "no body of `bodies` or `emitters` appears before the last frame; bake more frames";
         return Err(Error::Invalid(vec![SceneProblem::new("output.frames", text)]));
@@ -419,7 +445,8 @@ fn baked_pile(
         ground_friction: params.ground_friction,
         diameter: full.checked.diameter,
     };
-    Ok(BakedPile { fps, bodies, frames, scenery, glue, solids, world })
+    let filled = sim.pile.places.len().min(bodies.len());
+    Ok(BakedPile { fps, bodies, filled, frames, scenery, glue, solids, world })
 }
 
 impl Released<'_> {
@@ -447,6 +474,7 @@ impl Released<'_> {
             core: full.checked.core.as_ref(),
             held: self.held,
             separation: self.separation,
+            outcome: self.outcome.as_ref(),
             glued: self.glued.as_ref(),
             pile: &self.pile,
             entrance: self.entrance.as_ref().map(|(entrance, _)| entrance),

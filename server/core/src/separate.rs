@@ -14,6 +14,7 @@ use cairn_input::params::Params;
 use cairn_motion::pile::Pile;
 use glam::{DAffine3, DQuat, DVec3};
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 
 /// Meshes are left this far apart, in thicknesses of the thinner one: more than files round.
 const CLEARANCE: f64 = 1e-4;
@@ -80,9 +81,10 @@ impl Item {
 }
 
 /// Moves the bodies of the last frame apart, where the pile rests, and adds the frame that shows them so. `ground`: its
-/// height, m.
+/// height, m. `stays`: bodies that are not moved.
 pub fn run(
     pile: &mut Pile,
+    stays: &BTreeSet<usize>,
     rests: bool,
     params: &Params,
     ground: Option<f64>,
@@ -91,7 +93,7 @@ pub fn run(
     let begin = observer.cpu_seconds();
     let may_add = rests && params.output.frames.is_none_or(|most| pile.recorder.count() < most as usize);
     let scenery = pile.scene.statics.len();
-    let (mut items, ids) = items(pile, ground);
+    let (mut items, ids) = items(pile, stays, ground);
     let props = pile.scene.props.iter().map(|prop| &prop.model.mesh);
     let meshes: Vec<&TriMesh> = props.chain(pile.scene.statics.iter().map(|model| &model.model.mesh)).collect();
     let surfaces: Vec<Surface> = meshes.par_iter().map(|mesh| Surface::new(mesh)).collect();
@@ -173,7 +175,7 @@ fn spread(items: &mut [Item], foot: DVec3, share: f64) {
 }
 
 /// Scenery, then the bodies that are there, each with its number.
-fn items(pile: &Pile, ground: Option<f64>) -> (Vec<Item>, Vec<usize>) {
+fn items(pile: &Pile, stays: &BTreeSet<usize>, ground: Option<f64>) -> (Vec<Item>, Vec<usize>) {
     let Pile { world, recorder, scene, shapes, instances, .. } = pile;
     let props = scene.props.len();
     let time = recorder.time(world.units);
@@ -200,7 +202,7 @@ fn items(pile: &Pile, ground: Option<f64>) -> (Vec<Item>, Vec<usize>) {
             scale: instance.scale,
             pose,
             thickness: shape.thickness() * instance.scale,
-            stays: world.bodies()[id].role == cairn_engine::world::Role::Pinned,
+            stays: world.bodies()[id].role == cairn_engine::world::Role::Pinned || stays.contains(&id),
             shift: DVec3::ZERO,
             above_ground: (low - ground).max(0.0),
         });

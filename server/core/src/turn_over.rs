@@ -32,6 +32,8 @@ pub struct TurnOverInputs<'a, 'r> {
     pub bodies: &'r [Instance],
     /// Height of the ground, m.
     pub ground: f64,
+    /// Number of them that an earlier pile had there, the first ones.
+    pub kept: usize,
     /// What was filled.
     pub container: Option<&'r Container>,
     /// Stands in the pile, where only its surface is made of props.
@@ -55,7 +57,8 @@ const FALL_DEPTH: f64 = 50.0;
 
 /// The pile right after turning over. In a glued one, bodies that would hover have come down, or are left out.
 pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error> {
-    let sim = with_bodies(inputs)?;
+    let mut sim = with_bodies(inputs)?;
+    sim.pile.places = (0..inputs.bodies.len()).collect();
     if !inputs.resolved.is_on(EffectName::Glue) || inputs.bodies.is_empty() {
         return Ok(sim);
     }
@@ -66,6 +69,7 @@ pub fn run<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Error>
     let notes = sim.pile.notes;
     let mut sim = with_bodies(&TurnOverInputs { bodies: &landed.bodies, ..*inputs })?;
     sim.pile.notes = notes;
+    sim.pile.places = landed.places;
     sim.pile.counters.hovering_lowered = landed.lowered as u64;
     sim.pile.counters.hovering_left_out = landed.left_out as u64;
     if landed.left_out > 0 {
@@ -101,7 +105,8 @@ fn with_bodies<'a>(inputs: &TurnOverInputs<'a, '_>) -> Result<Simulation<'a>, Er
         }
         pile.control.place(id);
     }
-    if resolved.is_on(EffectName::Glue) && params.glue.anchor != Switch::Off {
+    // What an earlier pile had there stands where it was set down then.
+    if resolved.is_on(EffectName::Glue) && params.glue.anchor != Switch::Off && inputs.kept == 0 {
         set_down(&mut pile, bodies.len(), inputs);
     }
     pile.world.zero_step();

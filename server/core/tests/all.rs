@@ -7,6 +7,7 @@ mod entrance;
 mod events;
 mod glue;
 mod hanging;
+mod keep;
 mod known;
 mod motion;
 mod order;

@@ -1,6 +1,7 @@
 //! The animated `.glb`.
 //!
-//! Two nodes at the top: `pile` holds one node per body, in the bodies' order, named `<prop>.<body's index>`;
+//! Two nodes at the top: `pile` holds one node per body, in the bodies' order, named `<prop>.<number>`: the
+//! body's index, unless a bake from an earlier result has kept its name;
 //! `scenery` holds the static geometry and is absent when there is none. A body's node places the prop's own origin:
 //! translation, rotation and uniform scale at frame 0; the animation `pile` moves it. Where that origin is far from the
 //! prop, the node places the prop's centre of mass, and the prop hangs below it with its offset, so that what players
@@ -16,6 +17,9 @@
 //! of these has the extras `cairn`: `cluster`, the number of its cluster or `null`, and `anchored`. A prop's own extras
 //! stay.
 //!
+//! Where a shape was filled, `cairn.state` there is the buffer view of what a later bake needs to keep what fits of it:
+//! [`state`] has its layout.
+//!
 //! The extras `cairn` of the file's `asset` state where the result comes from: scene, files with their hashes,
 //! versions.
 //!
@@ -25,6 +29,7 @@
 mod hulls;
 pub(super) mod motion;
 mod physics;
+pub mod state;
 
 use super::copy::GlbOutput;
 use super::glue::GlueMembership;
@@ -108,6 +113,10 @@ impl<'a> GlbFile<'a> {
         let mut node = json!({ "name": "pile", "extras": { "fps": bake.fps, "frames": bake.frames.len() } });
         if let Some(glue) = &bake.glue {
             node["extras"][glue::KEY] = json!({ "glue": glue::whole(glue) });
+        }
+        if let Some(shape) = scene.shape.filter(|_| bake.filled > 0 && !self.shows_hulls) {
+            let view = self.out.push_view(&state::encode(bake, shape, scene.colliders), Object::new());
+            node["extras"][glue::KEY][state::KEY] = json!(view);
         }
         if !bodies.is_empty() {
             node["children"] = json!(bodies);

@@ -30,11 +30,14 @@ mod table;
 mod tracks;
 mod usd;
 
+pub use glb::state;
+
 pub use convex_cover::{ConvexCover, CoverLimits};
 
 use cairn_core::report::Name;
 use cairn_core::report::bake::BakedPile;
 use cairn_files::{FileSource, folder_of, write_atomically};
+use cairn_geometry::mesh::TriMesh;
 use cairn_gltf::document::DocumentError;
 use cairn_gltf::{Document, Resolver};
 use cairn_input::scene::StaticModel;
@@ -53,6 +56,8 @@ pub struct ExportScene<'a> {
     pub scenery: Vec<SourceModel<'a>>,
     /// What the bodies met besides each other and the ground, where it was placed: the scenery, then earlier results.
     pub colliders: &'a [StaticModel],
+    /// The shape that was filled, for formats that hold what a later bake needs to change the pile.
+    pub shape: Option<&'a TriMesh>,
     /// The origin of the result, which the result states.
     pub origin: Option<&'a serde_json::Value>,
     /// The figures of the pile, for formats that hold them.
@@ -402,8 +407,8 @@ pub fn rehearse(
 /// The name of each body in the result.
 fn body_names(bake: &BakedPile, scene: &ExportScene) -> Vec<String> {
     let named =
-        |(i, body): (usize, &cairn_core::report::bake::BakedBody)| format!("{}.{i:04}", scene.props[body.prop].name);
-    bake.bodies.iter().enumerate().map(named).collect()
+        |body: &cairn_core::report::bake::BakedBody| format!("{}.{:04}", scene.props[body.prop].name, body.number);
+    bake.bodies.iter().map(named).collect()
 }
 
 #[cfg(test)]

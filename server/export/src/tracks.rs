@@ -17,15 +17,16 @@ pub fn translations(poses: impl Iterator<Item = Pose>) -> Vec<[f32; 3]> {
     poses.map(|pose| pose.translation.as_vec3().to_array()).collect()
 }
 
-/// A body's rotation per frame, x y z w: unit length, and each in the half space of the one before it, so that linear
-/// interpolation takes the short way.
+/// A body's rotation per frame, x y z w: unit length, the first as it is, and each other in the half space of the one
+/// before it, so that linear interpolation takes the short way.
 pub fn rotations(poses: impl Iterator<Item = Pose>) -> Vec<[f32; 4]> {
-    let mut before = DQuat::IDENTITY;
+    let mut before: Option<DQuat> = None;
     poses
         .map(|pose| {
             let unit = pose.rotation.normalize();
-            before = if unit.dot(before) < 0.0 { -unit } else { unit };
-            before.as_quat().to_array()
+            let next = if before.is_some_and(|before| unit.dot(before) < 0.0) { -unit } else { unit };
+            before = Some(next);
+            next.as_quat().to_array()
         })
         .collect()
 }

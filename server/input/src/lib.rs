@@ -9,6 +9,7 @@
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
 pub mod asset;
+pub mod earlier;
 pub mod error;
 pub mod observer;
 pub mod params;

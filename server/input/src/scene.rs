@@ -1,5 +1,6 @@
 //! The scene of a bake, with every mesh already read: plain values, no files.
 
+use crate::earlier::EarlierPile;
 pub use crate::params::Turns;
 use crate::params::{Accuracy, Params};
 use cairn_geometry::mesh::TriMesh;
@@ -26,6 +27,8 @@ pub struct Scene {
     pub removals: Vec<RemovalRequest>,
     /// How the pile comes down once it rests; `None`: it stays.
     pub collapse: Option<CollapseRequest>,
+    /// An earlier pile, of which the fill keeps what fits.
+    pub earlier: Option<EarlierPile>,
 }
 
 /// How a pile comes down.

@@ -74,6 +74,8 @@ const PACKED_MODELS: u64 = 4;
 /// Upper bounds of what a stage for simulators takes, bytes: of a body with its glue, of a triangle of scenery as text.
 const PHYSICS_BODY: u64 = 4 << 10;
 const COLLIDER_TRIANGLE: u64 = 128;
+/// Bytes of a point or a triangle of the shape in what a result holds for later bakes.
+const STATE_POINT: u64 = 12;
 
 impl Job {
     /// The expected cost of each accuracy. Measures this machine's speed first, for a few tenths of a second.
@@ -95,6 +97,9 @@ impl Job {
         let models = if format.holds_models() { self.model_bytes as u64 } else { 0 };
         let body = frames.saturating_mul(size.pose).saturating_add(size.body);
         let mut bytes = bodies.saturating_mul(body).saturating_add(size.file + models);
+        if format == Format::Glb {
+            bytes = bytes.saturating_add(self.state_bytes());
+        }
         let holds_colliders = matches!(format, Format::GlbPhysics | Format::GlbHulls);
         if format == Format::Pack {
             let triangles = self.scene.props.iter().map(|prop| prop.model.mesh.triangles.len() as u64).max();
@@ -110,6 +115,13 @@ impl Job {
             bytes = bytes.saturating_add(triangles.saturating_mul(COLLIDER_TRIANGLE));
         }
         bytes
+    }
+
+    /// Of the shape and of scenery near it, which a later bake compares with its own, at most.
+    fn state_bytes(&self) -> u64 {
+        let meshes = self.scene.control.iter().chain(self.scene.statics.iter().map(|model| &model.model));
+        let meshes = meshes.map(|model| (model.mesh.points.len() + model.mesh.triangles.len()) as u64);
+        meshes.sum::<u64>().saturating_mul(STATE_POINT)
     }
 
     /// The files of the scene, where they lie.
@@ -177,7 +189,8 @@ impl Job {
         let (props, scenery) = (self.sources(&self.props), self.sources(&self.statics));
         let keeps_instancing = self.params.output.instancing;
         let (colliders, layout) = (&*self.scene.statics, self.layout.clone());
-        ExportScene { props, scenery, colliders, origin: Some(origin), measures, keeps_instancing, layout }
+        let shape = self.scene.control.as_ref().filter(|_| self.scene.is_filled(&self.params)).map(|model| &model.mesh);
+        ExportScene { props, scenery, colliders, shape, origin: Some(origin), measures, keeps_instancing, layout }
     }
 
     fn sources<'a>(&'a self, references: &'a [Reference]) -> Vec<SourceModel<'a>> {

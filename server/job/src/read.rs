@@ -1,5 +1,6 @@
 //! Reads a scene's files, and gathers all problems of scene and files.
 
+mod earlier;
 mod models;
 
 use super::machine::Meter;
@@ -192,7 +193,8 @@ impl SceneReader {
         };
         // Earlier results come behind the scenery that the new one shows.
         statics.extend(around);
-        let scene = Scene { control, piles, region, props, statics, bodies, emitters, removals, collapse };
+        let earlier = self.former(effective, &shown_props);
+        let scene = Scene { control, piles, region, props, statics, bodies, emitters, removals, collapse, earlier };
         ReadScene { scene, props: shown_props, statics: shown_statics }
     }
 
@@ -205,6 +207,11 @@ impl SceneReader {
             let problem =
                 Problem::new("piles", what, "Leave piles, control_mesh or fill.into out, but for one of them.");
             self.problems.push(problem.of_field("piles"));
+        }
+        if given.from.is_some() && !has_shape && !has_piles {
+            let remedy = "Give a control mesh, or leave `from` out.";
+            let problem = Problem::new("from", "the scene fills nothing that it could change", remedy);
+            self.problems.push(problem.of_field("from"));
         }
         if !has_shape && !has_piles && given.bodies.is_empty() && given.emitters.is_empty() {
             let remedy = "Give one by --control, or as control_mesh in the scene file; or place bodies there.";

@@ -110,12 +110,14 @@ pub fn rename(scene: &mut proto::Scene, change: impl Fn(&str) -> String) {
     let piles = scene.piles.iter_mut().map(|pile| &mut pile.path);
     let around = scene.around.iter_mut().map(|result| &mut result.path);
     let meshes = scene.emitters.iter_mut().filter_map(|emitter| emitter.mesh.as_mut());
+    let former = scene.from.iter_mut().map(|result| &mut result.path);
     shapes
         .chain(props)
         .chain(statics)
         .chain(meshes)
         .chain(piles)
         .chain(around)
+        .chain(former)
         .filter(|path| !path.is_empty())
         .for_each(|path| *path = change(path));
 }
@@ -126,6 +128,7 @@ pub fn model_files(scene: &proto::Scene) -> BTreeSet<PathBuf> {
     let props = scene.props.iter().map(|prop| &prop.path);
     let statics = scene.statics.iter().map(|model| &model.path);
     let results = scene.around.iter().map(|result| &result.path);
+    let results = results.chain(scene.from.iter().map(|result| &result.path));
     let others = scene.piles.iter().map(|pile| &pile.path).chain(results);
     let shapes = shapes.chain(others);
     let paths = shapes.chain(props).chain(statics).chain(scene.emitters.iter().flat_map(|emitter| &emitter.mesh));

@@ -49,6 +49,9 @@ pub struct Pile<'a> {
     pub latest_event: u64,
     /// In the order of insertion.
     pub instances: Vec<Instance>,
+    /// Place of each body of the fill in the fill's list: bodies that would hover are left out. Shape `[body]`; bodies
+    /// that the scene adds come behind them.
+    pub places: Vec<usize>,
     pub counters: PileCounters,
     /// Warnings, one sentence each.
     pub notes: Vec<String>,
@@ -82,6 +85,7 @@ impl<'a> Pile<'a> {
             step: 0,
             latest_event: 0,
             instances: Vec::new(),
+            places: Vec::new(),
             counters: PileCounters::default(),
             notes: Vec::new(),
             scene,

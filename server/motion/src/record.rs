@@ -188,6 +188,19 @@ impl Recorder {
         }
     }
 
+    /// Whether this holds of a body's pose in all frames, as far as they are kept, and now.
+    pub fn always(&self, id: BodyId, holds: impl Fn(&Pose) -> bool) -> bool {
+        let frames = self.frames.iter().chain([&self.last, &self.latest]);
+        frames.filter_map(|frame| frame.get(id)).all(holds)
+    }
+
+    /// Lets a body stay where it is in frame 0.
+    pub fn stay(&mut self, id: BodyId) {
+        let Some(pose) = self.frames.first().and_then(|frame| frame.get(id)).copied() else { return };
+        let frames = self.frames.iter_mut().chain([&mut self.last, &mut self.latest]);
+        frames.filter_map(|frame| frame.get_mut(id)).for_each(|now| *now = pose);
+    }
+
     /// Makes it `count` frames after frame 0, repeating the last pose.
     pub fn fit(&mut self, count: usize) {
         if self.pace.keeps {

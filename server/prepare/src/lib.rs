@@ -9,6 +9,7 @@
 // The same bytes on every platform: no mathematics of the platform's own.
 #![cfg_attr(not(test), warn(clippy::disallowed_methods))]
 
+pub mod changes;
 pub mod check;
 pub mod container;
 pub mod dense;

@@ -72,9 +72,12 @@ impl Assets {
 fn fill_hash(scene: &Scene, params: &Params, assets: &[Asset], names: &PortableNames) -> blake3::Hash {
     let Params { seed, gravity, ground, ground_height, physics, base, fill, .. } = params;
     let given = (seed, gravity, ground, ground_height, physics, base, fill);
-    let Scene { control_mesh, props, bodies, piles, around, .. } = scene;
+    let Scene { control_mesh, props, bodies, piles, around, from, .. } = scene;
+    // What stays of an earlier pile depends on whether the pile is held.
+    let held = from.as_ref().map(|from| (from, params));
     let files: Vec<_> = assets.iter().map(|asset| (asset.uri(names), &asset.sha256)).collect();
-    blake3::hash(format!("{given:?} {control_mesh:?} {props:?} {bodies:?} {piles:?} {around:?} {files:?}").as_bytes())
+    let shapes = (control_mesh, props, bodies, piles, around);
+    blake3::hash(format!("{given:?} {shapes:?} {held:?} {files:?}").as_bytes())
 }
 
 /// Whether result and report exist, belong to one of these requests, and are undamaged.

@@ -39,6 +39,10 @@ pub struct SceneArgs {
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     around: Vec<String>,
 
+    /// Result of an earlier bake (.glb) that this one changes: bodies with nothing new near them stay where they lie
+    #[arg(long, value_name = "FILE", help_heading = "Scene")]
+    from: Option<String>,
+
     /// Accuracy preset; `paper` is the method's original setting, `standard` the default. `auto` chooses one by `goal`
     #[arg(long, value_parser = accuracy_names(), help_heading = "Scene")]
     accuracy: Option<String>,
@@ -133,7 +137,7 @@ impl SceneArgs {
             Some(path) if is_result(path) => cairn_files::folder_of(path),
             _ => tree.folder(),
         };
-        let flags = [&self.control, &self.props, &self.statics, &self.around].into_iter().flatten();
+        let flags = [&self.control, &self.props, &self.statics, &self.around].into_iter().flatten().chain(&self.from);
         let flags = flags.map(|path| split_weight(path).map_or(&**path, |(path, _)| path));
         let flags = flags.map(|path| PathBuf::from(split_node(path).0));
         let set = cairn_job::model_files(&tree.to_message()).into_iter().filter(|path| !given.contains(path));
@@ -171,6 +175,9 @@ impl SceneArgs {
         if !self.around.is_empty() {
             let around = self.around.iter().map(|path| json!({ "path": path })).collect();
             tree.put("around", Value::Array(around));
+        }
+        if let Some(from) = &self.from {
+            tree.put("from", json!({ "path": from }));
         }
         if !self.props.is_empty() {
             let props = self.props.iter().filter_map(|prop| {
@@ -213,6 +220,7 @@ impl SceneArgs {
         args.extend(flag("--prop", &self.props));
         args.extend(flag("--static", &self.statics));
         args.extend(flag("--around", &self.around));
+        args.extend(flag("--from", self.from.as_slice()));
         args.extend(flag("--accuracy", self.accuracy.as_slice()));
         args.extend(self.seed.iter().flat_map(|seed| given("--seed", seed)));
         args.extend(self.frames.iter().flat_map(|frames| given("--frames", frames)));

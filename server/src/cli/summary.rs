@@ -45,6 +45,7 @@ fn lines(
             percent(kept)
         ));
     }
+    lines.extend(kept(&counted));
     lines.extend(glue(&measure, counted));
     if let (Some(speed), Some(moving)) = (measure("resting_speed_max"), measure("moving")) {
         let state = match moving as usize {
@@ -57,6 +58,20 @@ fn lines(
     lines.extend(seen(&measure));
     lines.push(format!("{} in {seconds:.1} s", output.display()));
     lines
+}
+
+/// The line about an earlier result that the bake has changed.
+fn kept(counted: impl Fn(&str) -> u64) -> Option<String> {
+    let [kept, moved, new, gone] = ["kept", "moved", "new", "gone"].map(|what| counted(&format!("bodies_{what}")));
+    let text = format!(
+        "earlier pile: {} of {} bodies kept to the bit, {} moved, {} gone; {} new",
+        grouped(kept),
+        grouped(kept + moved + gone),
+        grouped(moved),
+        grouped(gone),
+        grouped(new)
+    );
+    (kept + moved + gone > 0).then_some(text)
 }
 
 /// The line about what is seen where bodies meet, if that was measured.

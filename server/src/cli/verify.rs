@@ -10,11 +10,13 @@ use cairn_job::report::versions_json;
 use cairn_job::reuse::BakeCache;
 use cairn_job::{FinishedBake, Job, provenance};
 use serde_json::json;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Bakes results again and compares every byte
 ///
 /// Each result holds its scene, and the names and hashes of its files. It is baked again from these without the cache.
+/// A result that was baked from an earlier one (`from`) is the same only as that is: the earlier one is verified, too.
 #[derive(clap::Args)]
 #[command(after_help = "\
 Examples:
@@ -56,8 +58,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn verify_all(args: &Args) -> Result<(), Failure> {
     bounds::use_threads(0)?;
     let mut is_same = true;
-    for path in sample(&args.results, args.sample) {
-        let difference = verify(args, path)?;
+    let mut open: Vec<PathBuf> = sample(&args.results, args.sample).into_iter().rev().map(Path::to_owned).collect();
+    let mut seen: BTreeSet<PathBuf> = BTreeSet::new();
+    while let Some(path) = open.pop() {
+        if !seen.insert(cairn_files::normalized(&path)) {
+            continue;
+        }
+        let Verified { difference, former } = verify(args, &path)?;
+        open.extend(former);
         is_same &= difference.is_none();
         let object = || json!({ "result": path, "same": difference.is_none(), "difference": difference });
         print(&match args.json {
@@ -88,8 +96,16 @@ fn check_format(path: &Path) -> Result<(), Failure> {
     Err(Failure::input(Problem::at(path, what, remedy)))
 }
 
-/// Bakes a result again. Returns the difference, if any.
-fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
+/// A result that was baked again.
+struct Verified {
+    /// From the new one, if any.
+    difference: Option<String>,
+    /// The earlier result that it was baked from, to be verified next.
+    former: Option<PathBuf>,
+}
+
+/// Bakes a result again.
+fn verify(args: &Args, path: &Path) -> Result<Verified, Failure> {
     check_format(path)?;
     let tree = provenance::scene(path, args.assets.as_deref()).map_err(Failure::Input)?;
     let before = cairn_files::read(path).map_err(Failure::input)?;
@@ -101,6 +117,9 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
     }
     let job = Job::read_tree(&tree, args.bounds.limits())?;
     let job = job.relative_to(tree.folder()).written_into(cairn_files::folder_of(path));
+    let former = tree.to_message().from.map(|from| PathBuf::from(from.path));
+    let former = former.map(|path| tree.files().find(&path).unwrap_or(path));
+    let verified = |difference: Option<String>| Verified { difference, former };
     let mut reporter = Reporter::new(args.progress);
     let format = Format::of(path).unwrap_or(Format::Glb);
     let done = job.run(format, &path.display().to_string(), &mut BakeCache::none(), &mut reporter);
@@ -112,10 +131,10 @@ fn verify(args: &Args, path: &Path) -> Result<Option<String>, Failure> {
             std::fs::read(cairn_files::folder_of(path).join(name)).is_ok_and(|there| there == **bytes)
         };
         let wrong = sidecars.iter().find(|file| !is_there(file));
-        return Ok(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is missing or changed")));
+        return Ok(verified(wrong.map(|(name, _)| format!("DIFFERS: {name} beside it is missing or changed"))));
     }
     let motion =
         if hash.to_hex().as_str() == origin.result_blake3 { "the motion is the same" } else { "the motion differs" };
     let at = bytes.iter().zip(&before).position(|(a, b)| a != b).unwrap_or(bytes.len().min(before.len()));
-    Ok(Some(format!("DIFFERS from byte {at} on; by its hash, {motion}")))
+    Ok(verified(Some(format!("DIFFERS from byte {at} on; by its hash, {motion}"))))
 }

@@ -29,6 +29,14 @@ impl proto::UsdLayout {
     }
 }
 
+impl proto::FormerResult {
+    fn with_defaults(&self) -> proto::FormerResult {
+        let mut former = self.clone();
+        former.reach.get_or_insert(1.0);
+        former
+    }
+}
+
 impl proto::Collapse {
     fn with_defaults(&self) -> proto::Collapse {
         let mut collapse = self.clone();
@@ -48,6 +56,7 @@ pub fn effective(scene: &proto::Scene, params: &Params) -> proto::Scene {
         region: scene.region.clone(),
         piles: scene.piles.clone(),
         around: scene.around.clone(),
+        from: scene.from.as_ref().map(proto::FormerResult::with_defaults),
         remove: scene.remove.clone(),
         collapse: scene.collapse.as_ref().map(proto::Collapse::with_defaults),
         goal: scene.goal,

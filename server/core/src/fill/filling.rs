@@ -5,11 +5,12 @@ mod progress;
 
 use super::Removed;
 use super::world::FillWorld;
+use crate::keep::Kept;
 use cairn_engine::shape::{Shape, Size};
 use cairn_engine::world::{BodyId, Units, World};
 use cairn_input::error::Error;
 use cairn_input::observer::Observer;
-use cairn_input::params::Params;
+use cairn_input::params::{FillMethod, Params};
 use cairn_input::scene::Scene;
 use cairn_motion::instance::{self, Instance};
 use cairn_prepare::container::{Container, FAR};
@@ -28,8 +29,12 @@ pub struct FillTask<'a> {
     pub params: &'a Params,
     pub units: Units,
     pub container: &'a Container,
-    /// Bodies that the container is expected to take.
+    /// Bodies that the fill is expected to add.
     pub expected: usize,
+    /// What stays of an earlier pile.
+    pub kept: Option<&'a Kept>,
+    /// Number of these bodies in the container.
+    pub kept_inside: usize,
 }
 
 impl<'a> FillTask<'a> {
@@ -39,18 +44,29 @@ impl<'a> FillTask<'a> {
         params: &'a Params,
         units: Units,
         container: &'a Container,
+        kept: Option<&'a Kept>,
     ) -> FillTask<'a> {
         let sizes: Vec<Size> = shapes.iter().map(|s| s.size).collect();
         let room =
             Room { volume: container.volume * units.length.powi(3), area: container.area * units.length.powi(2) };
         let expected = expected_bodies(scene, &sizes, &room, &params.fill, 1.0);
-        FillTask { scene, shapes, params, units, container, expected }
+        let kept_inside = kept.map_or(0, |kept| kept.inside(container));
+        let expected = kept.map_or(expected, |kept| kept.expected(container, expected));
+        FillTask { scene, shapes, params, units, container, expected, kept, kept_inside }
+    }
+
+    /// How props get in. What is poured gets nowhere past the bodies of an earlier pile.
+    pub fn method(&self) -> FillMethod {
+        match self.params.fill.method {
+            FillMethod::Pour if self.kept_inside > 0 => FillMethod::Insert,
+            method => method,
+        }
     }
 
     /// Loose bodies that the pile may have.
     pub fn wanted(&self) -> usize {
         let fill = &self.params.fill;
-        fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize
+        (fill.count.unwrap_or(u32::MAX).min(fill.max_bodies) as usize).saturating_sub(self.kept_inside)
     }
 
     /// The props that are drawn at all.
@@ -70,14 +86,15 @@ impl<'a> FillTask<'a> {
         self.container.high.y - self.container.base
     }
 
-    /// Nodes of the container's distance grid that are inside.
+    /// Nodes of the container's distance grid that are inside, where the fill may add bodies.
     pub fn inside(&self) -> Vec<DVec3> {
         let grid = &self.container.distance;
         let (origin, size, values) = grid.nodes();
         let place =
             |i: usize| DVec3::new((i % size[0]) as f64, (i / size[0] % size[1]) as f64, (i / size[0] / size[1]) as f64);
         let inside = values.iter().enumerate().filter(|(_, distance)| **distance <= 0.0);
-        inside.map(|(i, _)| origin + grid.spacing() * place(i)).collect()
+        let inside = inside.map(|(i, _)| origin + grid.spacing() * place(i));
+        inside.filter(|&p| self.kept.is_none_or(|kept| kept.is_open(p))).collect()
     }
 }
 
@@ -126,8 +143,8 @@ impl<'a> Filling<'a> {
         self.world.set_gravity(direction * self.gravity);
     }
 
-    /// Pins the bodies that the scene placed, and those of other piles near the container: the others are filled in
-    /// around them.
+    /// Pins the bodies that the scene placed, and those of other piles and of an earlier one near the container: the
+    /// others are filled in around them.
     pub fn place_given(&mut self, others: &[Instance]) -> Result<(), Error> {
         for given in self.task.scene.bodies.iter().filter(|body| body.is_stacked()) {
             let pose = self.task.shapes[given.prop].body_pose(&given.pose, given.scale);
@@ -136,7 +153,8 @@ impl<'a> Filling<'a> {
             self.world.pin(id);
         }
         let (low, high) = (self.task.container.low, self.task.container.high);
-        for other in others {
+        let kept = self.task.kept.map_or(&[][..], |kept| &kept.instances);
+        for other in kept.iter().chain(others) {
             let reach = FAR + self.task.shapes[other.prop].radius * other.scale / self.task.units.length;
             let center = other.pose.translation;
             if center.cmpge(low - reach).all() && center.cmple(high + reach).all() {

@@ -19,7 +19,7 @@ use cairn_geometry::pose::Pose;
 use cairn_input::error::Error;
 use cairn_input::observer::Observer;
 use cairn_input::params::{Params, Switch};
-use cairn_motion::glue::sites::Sites;
+use cairn_motion::glue::sites::{KnownGlue, Sites};
 use cairn_motion::glue::{Joint, PileGlue};
 use cairn_motion::step::Simulation;
 use cairn_prepare::effects::{EffectName, Resolved};
@@ -94,9 +94,11 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
+/// `known`: the glue of an earlier pile, which stays among bodies that are as they were.
 pub fn run(
     sim: &mut Simulation,
     region: Option<&DistanceGrid>,
+    known: &KnownGlue,
     params: &Params,
     resolved: &Resolved,
     observer: &mut dyn Observer,
@@ -111,8 +113,12 @@ pub fn run(
         false => None,
     };
     let standing = natural.as_ref().map_or(BTreeSet::new(), |natural| natural.standing(world));
-    let sites = Sites::new(world, region, anchors, &standing);
+    let sites = Sites::with_known(world, region, anchors, &standing, &known.joints);
+    let joints = sites.known(&known.joints);
+    let kept = sites.among(&known.still, &joints);
     let mut search = Search::new(sites, params, resolved, trials);
+    search.kept = kept;
+    search.known = if known.is_start { joints } else { Vec::new() };
     let mut glued = match proves {
         true if search.sites.assembly.ids.is_empty() => Glued::of(natural.as_ref()),
         true => search.stable(observer)?,

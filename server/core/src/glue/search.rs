@@ -29,8 +29,10 @@ pub struct Search<'p, 'a> {
     pub trials: Trials<'p, 'a>,
     pub sites: Sites,
     anchors_all: bool,
-    /// Joints of the attempt before, if the next one starts from them.
-    known: Vec<GlueJoint>,
+    /// Joints of the attempt before, if the next one starts from them; at first, those of an earlier pile.
+    pub known: Vec<GlueJoint>,
+    /// Sites that an earlier pile had glued, among bodies that are as they were: they stay glued.
+    pub kept: BTreeSet<usize>,
     pub iterations: u64,
 }
 
@@ -46,6 +48,7 @@ impl<'p, 'a> Search<'p, 'a> {
             sites,
             anchors_all: params.glue.anchor == Switch::On,
             known: Vec::new(),
+            kept: BTreeSet::new(),
             iterations: 0,
         }
     }
@@ -123,6 +126,8 @@ impl<'p, 'a> Search<'p, 'a> {
             moved: None,
             poses: None,
         };
+        let kept: Vec<usize> = self.kept.iter().copied().filter(|&site| !attempt.is_chosen(site)).collect();
+        attempt.more.extend(kept);
         attempt.glue_feet();
         if self.bound.is_none() {
             let pressed = attempt.joining(|site| attempt.sites.depths[site] > PRESSED);

@@ -25,6 +25,9 @@ pub struct BakedPile {
     pub fps: f64,
     /// In the order of insertion.
     pub bodies: Vec<BakedBody>,
+    /// Number of them that the fill put there, the first ones.
+    #[serde(default)]
+    pub filled: usize,
     /// Shape `[frame][body]`: from the prop's own frame, scaled, to the world; metres. A body that is not there yet has
     /// the pose in which it will appear.
     pub frames: Vec<Vec<Pose>>,
@@ -44,6 +47,7 @@ impl BakedPile {
         BakedPile {
             fps: self.fps,
             bodies: self.bodies.iter().map(|body| BakedBody { first_frame: 0, ..*body }).collect(),
+            filled: self.filled,
             frames: self.frames.last().cloned().into_iter().collect(),
             scenery: self.scenery.iter().map(last).collect(),
             glue: self.glue.clone(),
@@ -142,6 +146,8 @@ pub struct BakedGlueDot {
 pub struct BakedBody {
     /// Index into the scene's props.
     pub prop: usize,
+    /// The number in its name.
+    pub number: usize,
     /// Uniform scale applied to the prop before its pose.
     pub scale: f64,
     /// The first frame that has it; 0 for bodies of the fill, and those that the scene places at the beginning.
@@ -156,12 +162,12 @@ pub struct BakedBody {
 pub fn prop_frames(pile: &Pile) -> (Vec<BakedBody>, Vec<Vec<Pose>>) {
     let count = pile.recorder.frames.last().map_or(0, Vec::len);
     let all = pile.instances.iter().zip(&pile.recorder.first_frames).take(count);
-    let body = |(id, (instance, &first_frame)): (usize, (&Instance, &usize))| {
+    let body = |(number, (instance, &first_frame)): (usize, (&Instance, &usize))| {
         let &Instance { prop, scale, .. } = instance;
-        let body = &pile.world.bodies()[id];
+        let body = &pile.world.bodies()[number];
         let factor = body.mass * pile.world.units.mass / (pile.shapes[prop].mass * scale.powi(3));
         let mass_factor = if (factor - 1.0).abs() < ROUNDING { 1.0 } else { factor };
-        BakedBody { prop, scale, first_frame, mass_factor, is_pinned: body.role == Role::Pinned }
+        BakedBody { prop, number, scale, first_frame, mass_factor, is_pinned: body.role == Role::Pinned }
     };
     let bodies: Vec<BakedBody> = all.enumerate().map(body).collect();
     let mut frames: Vec<Vec<Pose>> =

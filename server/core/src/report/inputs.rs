@@ -3,6 +3,7 @@
 use super::bake::BakedPile;
 use crate::fill::Filled;
 use crate::glue::Glued;
+use crate::keep::Outcome;
 use crate::separate::Separation;
 use cairn_engine::shape::Shape;
 use cairn_geometry::mesh::TriMesh;
@@ -35,6 +36,8 @@ pub struct ReportInputs<'a> {
     pub core: Option<&'a Core>,
     pub held: HoldOutcome,
     pub separation: Option<Separation>,
+    /// What became of the earlier pile, where there is one.
+    pub outcome: Option<&'a Outcome>,
     /// `None`: nothing is glued.
     pub glued: Option<&'a Glued>,
     /// With every frame that was kept.

@@ -26,7 +26,7 @@ fn whole(value: f64) -> String {
 }
 
 /// Figure, limit, and what is said of it; `{}` is its value. The guide's page of measures states each limit.
-const LIMITS: [(&str, Limit, Shown, &str); 13] = [
+const LIMITS: [(&str, Limit, Shown, &str); 14] = [
     (
         "foot_load",
         Above(300.0),
@@ -40,6 +40,13 @@ const LIMITS: [(&str, Limit, Shown, &str); 13] = [
         plain,
         "glue at the ground pulls the pile down with {} of its weight, so that it does not tip over: a wider foot, or \
          one below its middle, is believed",
+    ),
+    (
+        "stayed_fraction",
+        Below(0.95),
+        percent,
+        "only {} of the bodies that nothing new is near kept their places: the others lean on what is new; a smaller \
+         from.reach exchanges less of it, and glue holds more (glue.mode)",
     ),
     (
         "kept_shape",
@@ -158,6 +165,13 @@ mod tests {
                 0.182,
                 "the pile has slumped: 18 % of its shape is kept; glue keeps any shape (glue.mode), more friction \
                  or a wider foot keep more of it",
+            ),
+            (
+                "when kept bodies move",
+                "stayed_fraction",
+                0.8,
+                "only 80 % of the bodies that nothing new is near kept their places: the others lean on what is new; a \
+                 smaller from.reach exchanges less of it, and glue holds more (glue.mode)",
             ),
             (
                 "when bodies stick out",

@@ -2,6 +2,7 @@
 
 use super::inputs::{NamedFigures, PhysicsAlone, ReportInputs};
 use super::{Name, Report, contacts, counts, entrance, glue, limits, motion, shape, tidiness, visible, warnings};
+use crate::keep::Outcome;
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::thickness::Part;
 use cairn_input::error::Error;
@@ -76,6 +77,7 @@ pub fn measure(
     };
     figures.extend(seen);
     own.visible = observer.cpu_seconds() - begin;
+    figures.insert("stayed_fraction", inputs.outcome.and_then(Outcome::stayed));
     let separation = inputs.separation;
     figures.insert("separation_max_rel", separation.map(|found| found.farthest));
     figures.extend(inputs.entrance.map(entrance::figures).unwrap_or_default());

@@ -23,6 +23,8 @@ const FARTHEST: f64 = 0.5;
 pub struct Landed {
     /// All bodies of the fill that stay, engine units; empty: as they are.
     pub bodies: Vec<Instance>,
+    /// Their numbers in the fill.
+    pub places: Vec<usize>,
     pub lowered: usize,
     pub left_out: usize,
 }
@@ -45,7 +47,9 @@ pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
     // What meets a group that hovers, too, comes down with it.
     while !left.is_empty() && left.iter().all(|&id| id < filled) {
         let mut has_moved = false;
-        for group in sight.groups(&left, gap) {
+        // Bodies of an earlier pile stay where they lie.
+        let groups = sight.groups(&left, gap).into_iter().filter(|group| group.iter().all(|&i| i >= inputs.kept));
+        for group in groups {
             let farthest = FARTHEST * group.iter().map(|&i| thickness[i]).fold(f64::INFINITY, f64::min);
             let before = group.iter().map(|&i| sight.lowered()[i]).fold(0.0, f64::max);
             let down = sight.way_down(&group, CLOSE * gap, ground, farthest - before);
@@ -73,6 +77,7 @@ pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
         body.pose.translation.y -= lowered[id] / units.length;
         if out.binary_search(&id).is_err() {
             landed.bodies.push(body);
+            landed.places.push(id);
         }
     }
     landed

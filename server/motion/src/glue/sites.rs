@@ -8,9 +8,9 @@ use cairn_engine::world::{BodyId, ContactPair, PairSide, Role, SOLVED, World};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::interior::DistanceGrid;
 use cairn_statics::global::GlobalContact;
-use cairn_statics::glue::{GluePlacement, GlueProblem, GlueSite};
+use cairn_statics::glue::{GlueJoint, GluePlacement, GlueProblem, GlueSite};
 use glam::DVec3;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A joint carries moments as if by forces this far apart, as a share of the smaller body's radius. The value of the
 /// first study of glue, kept by all later ones. Guards against moments that cost nothing.
@@ -25,6 +25,26 @@ const PEG: f64 = 0.5;
 const BRIDGES: [f64; 3] = [1.0, 2.0, 4.0];
 /// Widest gap of a bridge, d, however thick the bodies are.
 const WIDEST: f64 = 0.75;
+
+/// A joint that an earlier pile had between two bodies, or, with `None`, between one and the fixed surroundings. Engine
+/// units.
+#[derive(Clone, Copy, Debug)]
+pub struct KnownJoint {
+    pub bodies: (BodyId, Option<BodyId>),
+    /// On the first one.
+    pub force: DVec3,
+    pub moment: DVec3,
+}
+
+/// The glue of an earlier pile, as far as its bodies are there again.
+#[derive(Clone, Debug, Default)]
+pub struct KnownGlue {
+    pub joints: Vec<KnownJoint>,
+    /// Bodies that have only bodies of the earlier pile near them: the glue among them stays.
+    pub still: BTreeSet<BodyId>,
+    /// The bodies are nearly all that there are: the search starts from the joints.
+    pub is_start: bool,
+}
 
 /// The bodies of a pile and the sites between them. Engine units.
 #[derive(Clone)]
@@ -55,6 +75,18 @@ impl Sites {
     /// `region`: the glue acts inside it; `None`: everywhere. `anchors`: bodies may be glued to the fixed surroundings.
     /// `standing`: bodies that need no glue, and that touch none that does.
     pub fn new(world: &World, region: Option<&DistanceGrid>, anchors: bool, standing: &BTreeSet<BodyId>) -> Sites {
+        Sites::with_known(world, region, anchors, standing, &[])
+    }
+
+    /// The same, and sites for joints that an earlier pile had: as that settled, bodies that are glued may have parted
+    /// a little.
+    pub fn with_known(
+        world: &World,
+        region: Option<&DistanceGrid>,
+        anchors: bool,
+        standing: &BTreeSet<BodyId>,
+        known: &[KnownJoint],
+    ) -> Sites {
         let is_inside = |id: BodyId| region.is_none_or(|region| control::is_inside(region, world, id));
         let is_held = |id: BodyId| world.bodies()[id].role != Role::Pinned && !standing.contains(&id) && is_inside(id);
         let inside: Vec<bool> = (0..world.bodies().len()).map(|id| world.is_present(id) && is_held(id)).collect();
@@ -75,6 +107,13 @@ impl Sites {
             near.retain(bridges);
             add_new(&mut pairs, near);
             joined = joined_by(world, &inside, &pairs);
+        }
+        if !known.is_empty() {
+            let between = known.iter().filter_map(|joint| Some((joint.bodies.0, joint.bodies.1?)));
+            let between: BTreeSet<(BodyId, BodyId)> = between.flat_map(|(a, b)| [(a, b), (b, a)]).collect();
+            let mut near = world.contact_pairs(PEG);
+            near.retain(|pair| matches!(pair.b, PairSide::Body(b) if between.contains(&(pair.a, b))));
+            add_new(&mut pairs, near);
         }
         let pegs = pairs.len();
         if anchors {
@@ -102,6 +141,33 @@ impl Sites {
             }
         }
         sites
+    }
+
+    /// Joints at these sites, as far as there are such: the two bodies of each, `None` for the fixed surroundings, and
+    /// force and moment on the first.
+    pub fn known(&self, joints: &[KnownJoint]) -> Vec<GlueJoint> {
+        let between = self.between.iter().enumerate().map(|(site, &(a, b))| {
+            let b = if let PairSide::Body(b) = b { Some(b) } else { None };
+            ((a, b), site)
+        });
+        let sites: BTreeMap<(BodyId, Option<BodyId>), usize> = between.collect();
+        let found = joints.iter().filter_map(|&KnownJoint { bodies: (a, b), force, moment }| {
+            let own = sites.get(&(a, b)).map(|&site| GlueJoint { site, force, moment });
+            let other = || b.and_then(|b| sites.get(&(b, Some(a))));
+            let other = || other().map(|&site| GlueJoint { site, force: -force, moment: -moment });
+            own.or_else(other).filter(|joint| self.sites[joint.site].may_glue)
+        });
+        let found: BTreeMap<usize, GlueJoint> = found.map(|joint| (joint.site, joint)).collect();
+        found.into_values().collect()
+    }
+
+    /// Those of these joints' sites that are between these bodies, or between one of them and the fixed surroundings.
+    pub fn among(&self, bodies: &BTreeSet<BodyId>, joints: &[GlueJoint]) -> BTreeSet<usize> {
+        let is_among = |site: &usize| {
+            let (a, b) = self.between[*site];
+            bodies.contains(&a) && !matches!(b, PairSide::Body(b) if !bodies.contains(&b))
+        };
+        joints.iter().map(|joint| joint.site).filter(is_among).collect()
     }
 
     /// These bodies moved although friction should have held them: their friction no longer counts. Bodies that moved

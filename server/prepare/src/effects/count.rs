@@ -22,7 +22,11 @@ use std::borrow::Borrow;
 pub enum Count {
     Analyses,
     BodiesEmitted,
+    BodiesGone,
+    BodiesKept,
     BodiesLost,
+    BodiesMoved,
+    BodiesNew,
     BodiesPlaced,
     BouncingBodies,
     BreakChecks,

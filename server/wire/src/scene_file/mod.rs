@@ -188,7 +188,7 @@ fn rebase(scene: &mut Value, folder: &Path) {
             *path = folder.join(&*path).to_string_lossy().into_owned();
         }
     };
-    for shape in ["control_mesh", "region"] {
+    for shape in ["control_mesh", "region", "from"] {
         if let Some(shape) = scene.get_mut(shape) {
             join("path", shape);
         }

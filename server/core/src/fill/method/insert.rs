@@ -140,6 +140,9 @@ impl Quota {
         for id in filling.world.loose() {
             *there.entry(filling.world.body(id).prop).or_default() += 1;
         }
+        // An earlier pile has its part of the shares.
+        let kept = filling.task.kept.map_or(&[][..], |kept| &kept.instances);
+        kept.iter().for_each(|body| *there.entry(body.prop).or_default() += 1);
         let here = |i: usize| there.get(&i).copied().unwrap_or(0) as f64;
         let sum: f64 = self.weights.iter().map(|(_, weight)| weight).sum();
         let all = self.weights.iter().map(|&(i, _)| here(i)).sum::<f64>() + wanted as f64;
@@ -238,6 +241,28 @@ fn morton(p: DVec3) -> u64 {
 
 const MORTON_BITS: u32 = 10;
 const MORTON_CELLS: f64 = ((1 << MORTON_BITS) - 1) as f64;
+
+/// Lets these bodies grow at their places, as far as they find room there.
+pub fn grow_at(filling: &mut Filling, bodies: &[Instance], observer: &mut dyn Observer) -> Result<(), Error> {
+    if bodies.is_empty() {
+        return Ok(());
+    }
+    filling.world.update_contacts();
+    let (task, first) = (filling.task, filling.world.next_id());
+    let mut reserved = ReservedPlaces::default();
+    let mut seeds = Vec::new();
+    for body in bodies.iter().take(task.wanted()) {
+        let scale = SEED_SCALE * body.scale;
+        if filling.world.reserve(&task.shapes[body.prop], scale, &body.pose, &mut reserved) {
+            seeds.push((filling.insert(Instance { scale, ..*body })?, body.scale));
+        }
+    }
+    grow(filling, &seeds, observer)?;
+    filling.remove_escaped();
+    let overlapping = filling.world.overlapping(task.params.fill.overlap.max(GROWING_OVERLAP));
+    filling.remove_overlapping(overlapping, first);
+    Ok(())
+}
 
 /// A random place inside. Of a cast surface, half of the props are laid flat against the container, where gaps show and
 /// where others would not fit; the rest are pushed inward until they clear it. `outside`: the container is larger by

@@ -5,6 +5,8 @@ mod off;
 mod pour;
 mod stack;
 
+pub use insert::grow_at;
+
 use super::filling::Filling;
 use super::zones::Zones;
 use cairn_input::error::Error;

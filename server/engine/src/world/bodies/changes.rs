@@ -13,6 +13,17 @@ impl World {
         self.engine.bodies[self.bodies[id].carrier].set_position(to_engine(pose), false);
     }
 
+    /// Moves a body, and with it all that is glued to it, so that it is at this pose, at rest.
+    pub fn put_carrier(&mut self, id: BodyId, pose: &pose::Pose) {
+        let body = &self.bodies[id];
+        let place = to_engine(pose);
+        let place = if body.cluster.is_some() { place * body.offset.inverse() } else { place };
+        if let Some(rigid) = self.engine.bodies.get_mut(body.carrier) {
+            rigid.set_position(place, false);
+            stop(rigid);
+        }
+    }
+
     /// Puts a body back to where it was, at rest.
     pub fn put_back(&mut self, id: BodyId, pose: &pose::Pose) {
         if let Some(rigid) = self.engine.bodies.get_mut(self.bodies[id].carrier) {
