@@ -31,6 +31,8 @@ NAME = "selection.glb"
 GREEN, YELLOW, ORANGE, RED = (0.03, 0.30, 0.08, 1), (0.85, 0.60, 0.05, 1), (0.80, 0.18, 0.02, 1), (0.60, 0.01, 0.01, 1)
 LOADS = [(0.06, 0.0, 0.09, 1), (0.04, 0.09, 0.26, 1), (0.02, 0.28, 0.26, 1), (0.12, 0.58, 0.12, 1), YELLOW]
 MARGINS = [RED, YELLOW, GREEN]
+# The largest push that is looked for, in weights.
+MOST_PUSH = 10.0
 # A push of this share of its weight is a large margin.
 LARGE = 0.5
 
@@ -293,11 +295,17 @@ def lines(body):
         "falls_with_others": "falls together with others",
     }
     found = [f"“{body['name']}” {said[body['standing']]}."]
-    found.append(f"It carries {body['load']:.3g} N, {body['load_in_weights']:.2f} of its weight.")
+    falls = body["standing"].startswith("falls")
+    # Of what falls, forces and pushes say nothing.
+    if not falls:
+        found.append(f"It carries {body['load']:.3g} N, {body['load_in_weights']:.2f} of its weight.")
     if body["rests_on_it"]:
         found.append(f"On it: {', '.join(body['rests_on_it'][:8])}.")
-    if body["least_push"] is not None:
-        found.append(f"A push of {body['least_push']:.2f} of its weight moves it; its neighbors held.")
+    push = None if falls else body["least_push"]
+    if push is not None and push < MOST_PUSH:
+        found.append(f"A push of {push:.2f} of its weight moves it; its neighbors held.")
+    elif push is not None:
+        found.append(f"No push of less than {MOST_PUSH:g} times its weight moves it; its neighbors held.")
     removal = body["removal"]
     if removal and removal["is_safe"]:
         found.append("The others stand without it.")

@@ -15,6 +15,8 @@ SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT"}
 # Deviation from a diagonal, relative to the largest entry, from which a matrix counts as sheared. Rounding in Blender's
 # single precision stays below it.
 SHEAR = 1e-4
+# A mesh without depth: its smallest extent over its largest.
+FLAT = 1e-6
 
 
 @dataclass
@@ -91,6 +93,10 @@ class Exporter:
         """A mesh in the world. None, and a problem, if it has no faces."""
         with evaluated(self.context, [source], self.passive) as geometry:
             meshes = geometry(source)
+            if source.type in ("FONT", "CURVE") and meshes and all(map(is_flat, meshes)):
+                text = f"“{source.name}” is flat. Give it depth: “Extrude” in its properties, Geometry."
+                self.problems.append(Problem(text, source.name))
+                return None
             if meshes:
                 return self._model(source.name, meshes, Matrix())
         self.problems.append(Problem(f"“{source.name}” has no faces. Choose a closed mesh.", source.name))
@@ -175,6 +181,12 @@ class Mesh:
 
     def digest(self):
         return client.digest(self.vertices.tobytes() + self.triangles.tobytes())
+
+
+def is_flat(mesh):
+    """Whether a mesh has no depth: text and curves before they are extruded."""
+    extents = np.ptp(mesh.vertices, axis=0)
+    return extents.min() <= FLAT * extents.max()
 
 
 def joined(meshes, matrix):

@@ -199,7 +199,13 @@ class Follows:
         self._leave(context, None)
         if not bake.end:
             running.wait_for_report(bake)
-        if self.made.cairn.mode != "POSE":
+        try:
+            mode = self.made.cairn.mode
+        except ReferenceError:
+            # Undone between two ticks of the timer.
+            self.report({"INFO"}, "The pile was undone. Redo brings it back")
+            return {"CANCELLED"}
+        if mode != "POSE":
             # Where the preview was.
             context.scene.frame_set(timing.end_of(self.made))
         return finished(self, context, self.made)

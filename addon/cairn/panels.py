@@ -13,6 +13,8 @@ from .schema import ACCURACIES, knows
 
 # Width of a quality's button, of the panel's.
 BUTTON = 0.4
+# A match below it is poor, and not known better before the bake.
+LEAST_KNOWN = 0.6
 # A range of the shape that is kept says nothing beyond this width: piles differ too much.
 WIDE = 0.25
 
@@ -197,7 +199,10 @@ def draw_sizes(layout, settings):
         value.label(text=f"about {count}" if count else "as many as fit")
         share = running.plan.get("match", 0.0) if running.plan else 0.0
         if share > 0.0:
-            layout.row(heading="Match").label(text=f"about {share:.0%} of the shape")
+            row = layout.row()
+            row.active = not running.plan_is_old
+            # What is that poor is not known better.
+            row.label(text=f"Will match {'about' if share >= LEAST_KNOWN else 'less than'} {max(share, LEAST_KNOWN):.0%}")
     if settings.prop_source == "COLLECTION":
         row = layout.row()
         row.use_property_split = False

@@ -42,6 +42,8 @@ FIELD = re.compile(r"`?\b(" + "|".join(PANELS) + r")\.([a-z_0-9]+)\b`?( = (?:\"\
 # A thing of the scene by its number, and a body of the result with its prop's name.
 COUNTED = re.compile(r"`?\b(?:(prop|static)s?[. \[]|(bodie|emitter)s[.\[])(\d+)\]?`?")
 BODY = re.compile(r"\b(\d+) \(([^()]+)\)")
+# A place, m, in the axes of glTF.
+PLACE = re.compile(r"\baround \((-?[\d.]+), (-?[\d.]+), (-?[\d.]+)\)")
 OTHERS = [
     # Two sentences of a plan and a report, which mean one thing.
     (re.compile(r"\b(the mesh is open: )it(s mass| is measured).*"), r"\1its mass and shape are estimated; close it"),
@@ -54,6 +56,7 @@ OTHERS = [
     (re.compile(r"\bleave ground_height out\b"), f"untick “Height” {GROUND}"),
     (re.compile(r"\bshape_iou\b"), "“Match with the Shape”"),
     (re.compile(r"\baccuracy (?=[a-z])"), "quality "),
+    (re.compile(r"smaller props reach farther \(`cairn plan` names a size\)"), "smaller props reach farther"),
     (re.compile(r"\bcontrol[ _]mesh\b"), "shape"),
     (re.compile(r"\bControl mesh\b"), "Shape"),
     (re.compile(r"`([^`]*)`"), r"“\1”"),
@@ -63,10 +66,17 @@ OTHERS = [
 
 def said(text):
     """Translates one sentence."""
-    text = FIELD.sub(_parameter, text)
+    text = PLACE.sub(_place, FIELD.sub(_parameter, text))
     for pattern, words in OTHERS:
         text = pattern.sub(words, text)
     return text[:1].upper() + text[1:]
+
+
+def _place(found):
+    """A place in Blender's axes."""
+    x, y, z = (float(number) for number in found.groups())
+    # No zero below zero.
+    return f"around ({x:.2f}, {-z + 0.0:.2f}, {y:.2f})"
 
 
 def _parameter(found):

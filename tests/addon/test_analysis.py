@@ -36,6 +36,10 @@ def test_colors_and_words(stack, addon):
     assert tuple(stack["block"].color) == pytest.approx(analysis.RED)
     said = " ".join(analysis.lines(answers["block"]))
     assert "“block” stands." in said and "Without it, these begin to fall: board." in said
+    falling = {**answers["board"], "standing": "falls_with_others", "least_push": 10.0}
+    assert not any("carries" in line or "push" in line for line in analysis.lines(falling)), "it falls by itself"
+    firm = analysis.lines({**answers["board"], "least_push": 10.0})
+    assert any("No push of less than 10 times its weight" in line for line in firm)
     # Carried mass: 1 x .3 x .05 and .2 x .2 x .4 m of 1000 kg/m^3.
     assert answers["table"]["load"] == pytest.approx((0.015 + 0.016) * 1000 * 9.81, rel=1e-3)
     for shown in ("LOAD", "MARGIN", "STANDING"):

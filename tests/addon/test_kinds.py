@@ -9,6 +9,7 @@ from blocks import bodies_of
 from conftest import count_blocks, cuboid, gap, points_of, shown_vertices
 from mathutils import Matrix, Vector
 from test_export import check_bodies
+from test_faults import refusal
 
 COLORS = {"red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1)}
 
@@ -415,3 +416,15 @@ def test_hair_and_fur_are_named(desk, addon):
     (names,) = [things for said, things in pairs if "hair or fur" in said]
     assert sorted(names) == ["Bear", "Cat"][: len(names)] and len(names) == 1 + hasattr(bpy.data, "hair_curves")
     assert not any("no surface" in said for said, _ in pairs) and plain.name not in names
+
+
+def test_a_flat_text_is_told_to_have_depth(desk):
+    desk.add_stick()
+    shape = big_text(bpy.context.scene.collection)
+    shape.data.extrude = 0.0
+    desk.control = desk.settings.control_mesh = shape
+    bpy.context.view_layer.update()
+    assert "“Text” is flat. Give it depth: “Extrude”" in refusal()
+    shape.data.extrude = 0.3
+    bpy.context.view_layer.update()
+    assert len(bodies_of(desk.bake(output_mode="POSE"))) > 0

@@ -126,3 +126,8 @@ def test_what_an_edit_did_is_said_in_words(addon):
     assert said(report(8, 8)) == said(report(7, 8)) == "The edit did not weaken the rest"
     assert said(report(8, 7)).endswith("1 untouched body is no longer certain to stand")
     assert "3 untouched bodies are" in said(report(8, 5)) and said({"settled": {}}) == ""
+
+
+def test_places_are_in_axes_of_blender(addon):
+    said = addon("wording").said("1 part is empty: 0.118 m thick around (0.52, 0.30, -0.18); smaller props reach farther")
+    assert "around (0.52, 0.18, 0.30)" in said

@@ -25,6 +25,7 @@ pub mod codec;
 pub mod config;
 mod connections;
 mod deadline;
+mod earlier_pile;
 mod encryption;
 mod event_log;
 mod folder;

@@ -2,6 +2,7 @@
 //! there, writes the result beside it, and reports to the server by messages on its standard output.
 
 use crate::event_log::{self, LogWriter};
+use crate::earlier_pile::EarlierPile;
 use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SPEC, layout_name, write_scene};
 use crate::seal::{CHANGED, sealed, unsealed};
 use crate::status::DISK_FULL;
@@ -173,13 +174,17 @@ pub fn export(folder: &Path, format: &str, layout: Option<&str>) -> Result<(), W
 /// The pile of a finished bake, and its measures. `report`: the bake's own.
 fn kept(folder: &Path, report: &str) -> Result<(BakedPile, Measures), WorkerError> {
     if folder.join(PILE).is_file() {
-        return postcard::from_bytes(&unsealed(read_file(&folder.join(PILE))?)?).map_err(broken);
+        let bytes = unsealed(read_file(&folder.join(PILE))?)?;
+        return postcard::from_bytes(&bytes).map_err(broken).or_else(|error| {
+            let (pile, measures): (EarlierPile, Measures) = postcard::from_bytes(&bytes).map_err(|_| error)?;
+            Ok((pile.into(), measures))
+        });
     }
     // The parameters that follow the pile there are those of another version.
     let bytes = read_file(&folder.join(EARLIER_PILE))?;
-    let (pile, _) = postcard::take_from_bytes(&bytes).map_err(broken)?;
+    let (pile, _) = postcard::take_from_bytes::<EarlierPile>(&bytes).map_err(broken)?;
     let report: serde_json::Value = serde_json::from_str(report).map_err(broken)?;
-    Ok((pile, serde_json::from_value(report["measures"].clone()).map_err(broken)?))
+    Ok((pile.into(), serde_json::from_value(report["measures"].clone()).map_err(broken)?))
 }
 
 fn broken(error: impl std::fmt::Display) -> WorkerError {

@@ -52,8 +52,8 @@ const LIMITS: [(&str, Limit, Shown, &str); 14] = [
         "kept_shape",
         Below(0.7),
         percent,
-        "the pile has slumped: {} of its shape is kept; glue keeps any shape (glue.mode), more friction or a wider \
-         foot keep more of it",
+        "the pile has slumped: {} of its shape is kept; glue keeps any shape (glue.mode), and holds better with \
+         more accuracy; more friction or a wider foot keep more, too",
     ),
     (
         "protrusion_rel",
@@ -163,8 +163,8 @@ mod tests {
                 "when the pile has slumped",
                 "kept_shape",
                 0.182,
-                "the pile has slumped: 18 % of its shape is kept; glue keeps any shape (glue.mode), more friction \
-                 or a wider foot keep more of it",
+                "the pile has slumped: 18 % of its shape is kept; glue keeps any shape (glue.mode), and holds \
+                 better with more accuracy; more friction or a wider foot keep more, too",
             ),
             (
                 "when kept bodies move",

@@ -15,7 +15,7 @@ const MOST: f64 = 0.02;
 const NARROWER: f64 = 0.8;
 /// What comes down stops at this share of that gap.
 const CLOSE: f64 = 0.5;
-/// A group comes down as a whole by so much of its thinnest body's thickness at most: farther, it would leave its place.
+/// A group comes down by so much of its thinnest body's thickness at most: farther, it would leave its place.
 const FARTHEST: f64 = 0.5;
 
 /// What is done about bodies that would hover.

@@ -169,8 +169,8 @@ impl<'a> Sight<'a> {
     }
 
     /// How far down a group can go as a whole until it meets another body, mesh from mesh no farther than `gap` of the
-    /// thinner one's thickness, or the ground at this height, m; `None`: farther than `farthest`, m. It meets nothing on
-    /// its way: each step is as long as the shortest distance (conservative advancement, Mirtich 1996).
+    /// thinner one's thickness, or the ground at this height, m; `None`: farther than `farthest`, m. It meets nothing
+    /// on its way: each step is as long as the shortest distance (conservative advancement, Mirtich 1996).
     pub fn way_down(&self, group: &[usize], gap: f64, ground: Option<f64>, farthest: f64) -> Option<f64> {
         let is_in = |i: usize| group.contains(&i);
         let reached = |i: usize| {
