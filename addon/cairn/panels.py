@@ -202,7 +202,8 @@ def draw_sizes(layout, settings):
             row = layout.row()
             row.active = not running.plan_is_old
             # What is that poor is not known better.
-            row.label(text=f"Will match {'about' if share >= LEAST_KNOWN else 'less than'} {max(share, LEAST_KNOWN):.0%}")
+            how = "about" if share >= LEAST_KNOWN else "less than"
+            row.label(text=f"Will match {how} {max(share, LEAST_KNOWN):.0%}")
     if settings.prop_source == "COLLECTION":
         row = layout.row()
         row.use_property_split = False
