@@ -226,6 +226,14 @@ class CAIRN_OT_analyze(Operator):
         return {"CANCELLED"}
 
 
+def renew(context):
+    """Finds the figures of what was analyzed anew, once it has moved, and shows which stand."""
+    context.view_layer.update()
+    sources = [source for source in analysed(context.scene) if source.visible_get()]
+    keep(sources, analyse(context, sources))
+    paint(context.scene, "STANDING")
+
+
 def summary(sources, answers):
     falling = [
         source.name for source, body in zip(sources, answers["bodies"], strict=True) if "falls" in body["standing"]

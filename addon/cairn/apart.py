@@ -183,6 +183,8 @@ def move(context, needed):
             body.matrix_world = Matrix.Translation(by) @ body.matrix_world
             farthest = max(farthest, float(np.linalg.norm(one["by"])))
     let_fall(context, floating)
+    if moves or floating:
+        analysis.renew(context)
     context.scene[analysis.GLUE] = json.dumps({**needed, "moves": [], "still": leaning, "beyond": []})
     said = [f"{counted(moves)} moved, by at most {1000 * farthest:.1f} mm"] if moves else []
     said += [f"{counted(floating)} fell to what carries {'it' if len(floating) == 1 else 'them'}"] if floating else []
