@@ -33,8 +33,9 @@ pub const STAYS: f64 = 0.06;
 /// A body's corner may be this much farther outside the shape than the fill lets it, d, to be kept: since then, the
 /// pile has moved a little.
 const SLACK: f64 = 0.3;
-/// Edge of the cells in which places of the region differ, d.
+/// Edge of the cells in which places of the region differ, d, and at least this share of the container.
 const CELL: f64 = 0.25;
+const FINEST: f64 = 1.0 / 250.0;
 
 /// What stays of an earlier pile, and where the fill adds to it. Engine units.
 pub struct Kept {
@@ -57,6 +58,8 @@ struct Region {
     /// The first cell, and the number of cells along each axis.
     low: [i32; 3],
     size: [usize; 3],
+    /// Their edge, d.
+    edge: f64,
     /// Shape `[z][y][x]`.
     is_open: Vec<bool>,
     /// Share of the room that is open.
@@ -185,16 +188,17 @@ fn keep_lowest(instances: &mut Vec<Instance>, origins: &mut Vec<usize>, count: u
 impl Region {
     /// No place: all is as it was.
     fn closed() -> Region {
-        Region { low: [0; 3], size: [0; 3], is_open: Vec::new(), share: 0.0 }
+        Region { low: [0; 3], size: [0; 3], edge: CELL, is_open: Vec::new(), share: 0.0 }
     }
 
     fn new(changes: &Changes, kept: &[Instance], shapes: &[Shape], units: Units, container: &Container) -> Region {
-        let low = cell(container.low - CELL);
-        let high = cell(container.high + CELL);
+        let edge = CELL.max(FINEST * (container.high - container.low).max_element());
+        let low = cell(container.low - edge, edge);
+        let high = cell(container.high + edge, edge);
         let size = [0, 1, 2].map(|k| (high[k] - low[k] + 1).max(1) as usize);
         let middle = |i: usize| {
             let at = [i % size[0], i / size[0] % size[1], i / size[0] / size[1]];
-            let place = [0, 1, 2].map(|k| (f64::from(low[k]) + at[k] as f64 + 0.5) * CELL);
+            let place = [0, 1, 2].map(|k| (f64::from(low[k]) + at[k] as f64 + 0.5) * edge);
             DVec3::from_array(place)
         };
         let count = size.iter().product::<usize>();
@@ -203,7 +207,7 @@ impl Region {
         let mut is_open = vec![true; count];
         for body in kept {
             let (center, radius) = (body.pose.translation, shapes[body.prop].radius * body.scale / units.length);
-            let (from, to) = (cell(center - radius), cell(center + radius));
+            let (from, to) = (cell(center - radius, edge), cell(center + radius, edge));
             let range =
                 |k: usize| (from[k] - low[k]).max(0) as usize..((to[k] - low[k] + 1).max(0) as usize).min(size[k]);
             for z in range(2) {
@@ -219,19 +223,19 @@ impl Region {
         let room: Vec<usize> = (0..count).filter(|&i| container.distance.signed_distance(middle(i)) <= 0.0).collect();
         let open = room.iter().filter(|&&i| is_open[i]).count();
         let share = open as f64 / room.len().max(1) as f64;
-        Region { low, size, is_open, share }
+        Region { low, size, edge, is_open, share }
     }
 
     fn contains(&self, p: DVec3) -> bool {
-        let at = cell(p);
+        let at = cell(p, self.edge);
         let place = [0, 1, 2].map(|k| usize::try_from(at[k] - self.low[k]).ok().filter(|i| *i < self.size[k]));
         let [Some(x), Some(y), Some(z)] = place else { return false };
         self.is_open[(z * self.size[1] + y) * self.size[0] + x]
     }
 }
 
-fn cell(p: DVec3) -> [i32; 3] {
-    (p / CELL).floor().as_ivec3().to_array()
+fn cell(p: DVec3, edge: f64) -> [i32; 3] {
+    (p / edge).floor().as_ivec3().to_array()
 }
 
 /// What became of the bodies of an earlier pile.

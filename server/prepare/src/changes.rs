@@ -15,8 +15,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Surfaces that are no farther apart than this are one, d: far less than a body moves unseen.
 const TOLERANCE: f64 = 0.02;
-/// Distance of the places at which surfaces are compared, d.
+/// Distance of the places at which surfaces are compared, d, and at least this share of the box that is looked at: its
+/// work is bounded, however small the props are, and whatever an earlier result holds.
 const SPACING: f64 = 0.25;
+const FINEST: f64 = 1.0 / 200.0;
 
 /// Places of surfaces that only one of two scenes has. SI.
 pub struct Changes {
@@ -33,20 +35,25 @@ impl Changes {
     /// Compares a scene with an earlier pile. `ground`: height of its ground, m; `diameter`: d, m.
     pub fn new(earlier: &EarlierPile, scene: &Scene, ground: Option<f64>, diameter: f64) -> Changes {
         let reach = earlier.reach * diameter;
-        let mut all = Vec::new();
-        if let Some(control) = &scene.control {
-            all = places(&earlier.shape, &control.mesh, None, diameter);
-        }
-        if !earlier.shape.points.is_empty() {
-            let (low, high) = earlier.shape.bounds();
-            let around = (low - reach, high + reach);
-            let mut scenery = TriMesh::default();
-            scene.statics.iter().for_each(|model| scenery.append(&placed(model)));
-            all.extend(places(&earlier.scenery, &scenery, Some(around), diameter));
+        let mut scenery = TriMesh::default();
+        scene.statics.iter().for_each(|model| scenery.append(&placed(model)));
+        // Bodies beyond the new shape do not stay, whatever is there.
+        let own = scene.control.as_ref().map_or(&scenery, |model| &model.mesh);
+        let (mut all, mut spacing) = (Vec::new(), SPACING * diameter);
+        if !earlier.shape.points.is_empty() && !own.points.is_empty() {
+            let (low, high) = own.bounds();
+            let area = (low - reach, high + reach);
+            spacing = spacing.max(FINEST * (high - low).max_element());
+            let places = |old, new| places(old, new, area, diameter, spacing);
+            if let Some(control) = &scene.control {
+                all = places(&earlier.shape, &control.mesh);
+            }
+            all.extend(places(&earlier.scenery, &scenery));
         }
         let mut cells: BTreeMap<[i32; 3], Vec<DVec3>> = BTreeMap::new();
-        // Cells of a width that is never 0.
-        let edge = reach.max(SPACING * diameter);
+        // Cells of a width that is never 0. Between places that are far apart, more is near.
+        let edge = reach.max(spacing);
+        let reach = if spacing > SPACING * diameter { edge } else { reach };
         all.into_iter().for_each(|p| cells.entry(cell(p, edge)).or_default().push(p));
         let near_ground = match (earlier.ground, ground) {
             (Some(a), Some(b)) if (a - b).abs() <= TOLERANCE * diameter => f64::NEG_INFINITY,
@@ -80,16 +87,16 @@ fn cell(p: DVec3, edge: f64) -> [i32; 3] {
     [x, y, z]
 }
 
-/// The places of two surfaces that are not on the other one. `inside`: only those in this box.
-fn places(old: &TriMesh, new: &TriMesh, inside: Option<(DVec3, DVec3)>, diameter: f64) -> Vec<DVec3> {
+/// The places of two surfaces in a box that are not on the other one.
+fn places(old: &TriMesh, new: &TriMesh, area: (DVec3, DVec3), diameter: f64, spacing: f64) -> Vec<DVec3> {
     let triangles = |mesh: &TriMesh| -> Vec<[DVec3; 3]> {
         let single = |p: DVec3| p.as_vec3().as_dvec3();
         let all = (0..mesh.triangles.len()).map(|i| mesh.corners(i).map(single));
-        all.filter(|&t| inside.is_none_or(|area| meets(t, area))).collect()
+        all.filter(|&t| meets(t, area)).collect()
     };
     let (old, new) = (triangles(old), triangles(new));
-    let mut both = only(&old, &new, inside, diameter);
-    both.extend(only(&new, &old, inside, diameter));
+    let mut both = only(&old, &new, area, diameter, spacing);
+    both.extend(only(&new, &old, area, diameter, spacing));
     both
 }
 
@@ -98,7 +105,7 @@ fn meets(triangle: [DVec3; 3], area: (DVec3, DVec3)) -> bool {
 }
 
 /// The places of the first surface that are not on the second.
-fn only(these: &[[DVec3; 3]], others: &[[DVec3; 3]], inside: Option<(DVec3, DVec3)>, diameter: f64) -> Vec<DVec3> {
+fn only(these: &[[DVec3; 3]], others: &[[DVec3; 3]], area: (DVec3, DVec3), diameter: f64, spacing: f64) -> Vec<DVec3> {
     let known: BTreeSet<[u32; 9]> = others.iter().map(name).collect();
     let changed: Vec<[DVec3; 3]> = these.iter().filter(|t| !known.contains(&name(t))).copied().collect();
     if changed.is_empty() {
@@ -107,7 +114,7 @@ fn only(these: &[[DVec3; 3]], others: &[[DVec3; 3]], inside: Option<(DVec3, DVec
     let tree = Bvh::new(others.iter().enumerate().map(|(i, t)| (i as u32, *t)).collect());
     let most = (TOLERANCE * diameter).powi(2);
     let found = changed.par_iter().map(|triangle| {
-        let mut places = sampled(*triangle, inside, SPACING * diameter);
+        let mut places = sampled(*triangle, area, spacing);
         places.retain(|&p| tree.nearest(p, 0).is_none_or(|hit| hit.squared > most));
         places
     });
@@ -129,10 +136,10 @@ fn name(corners: &[DVec3; 3]) -> [u32; 9] {
 }
 
 /// Places of a triangle, about this far apart at most.
-fn sampled(triangle: [DVec3; 3], inside: Option<(DVec3, DVec3)>, spacing: f64) -> Vec<DVec3> {
+fn sampled(triangle: [DVec3; 3], area: (DVec3, DVec3), spacing: f64) -> Vec<DVec3> {
     let (mut open, mut places) = (vec![triangle], Vec::new());
     while let Some([a, b, c]) = open.pop() {
-        if inside.is_some_and(|area| !meets([a, b, c], area)) {
+        if !meets([a, b, c], area) {
             continue;
         }
         // The longest edge comes first.
@@ -190,6 +197,21 @@ mod tests {
         assert!(changes.is_near(DVec3::new(0.75, 0.5, 0.5)));
         assert!(!changes.is_near(DVec3::new(0.65, 0.5, 0.5)));
         assert!(!changes.is_near(DVec3::new(0.1, 0.1, 0.9)));
+    }
+
+    #[test]
+    fn what_lies_far_away_costs_nothing() {
+        // An earlier shape of any size, and props of a billionth of it.
+        let whole = slab(DVec3::ZERO, DVec3::ONE);
+        let mut far = whole.clone();
+        far.points.extend([DVec3::ZERO, DVec3::X, DVec3::Z].map(|p| 1e30 * p));
+        far.triangles.push([8, 9, 10]);
+        assert!(!changes(far, whole.clone()).is_empty(), "its plane goes through the shape");
+        let high = slab(DVec3::splat(1e20), DVec3::splat(2e20));
+        let earlier = EarlierPile { shape: high, ground: Some(0.0), reach: 1.0, ..EarlierPile::default() };
+        let scene = Scene { control: Some(Model::new("shape", whole)), ..Scene::default() };
+        let places: usize = Changes::new(&earlier, &scene, Some(0.0), 1e-9).cells.values().map(Vec::len).sum();
+        assert!((100_000..5_000_000).contains(&places), "{places}");
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! The worker's side of a bake's process. It reads the folder that the server has made, appends events to the log
 //! there, writes the result beside it, and reports to the server by messages on its standard output.
 
-use crate::event_log::{self, LogWriter};
 use crate::earlier_pile::EarlierPile;
+use crate::event_log::{self, LogWriter};
 use crate::folder::{ASSETS, EARLIER_PILE, EVENTS, PILE, REPORT, ResultKind, SPEC, layout_name, write_scene};
 use crate::seal::{CHANGED, sealed, unsealed};
 use crate::status::DISK_FULL;
