@@ -227,7 +227,7 @@ class CAIRN_OT_analyze(Operator):
 
 
 def renew(context):
-    """Finds the figures of what was analyzed anew, once it has moved, and shows which stand."""
+    """Finds the figures of what was analyzed again, once it has moved, and shows which stand."""
     context.view_layer.update()
     sources = [source for source in analysed(context.scene) if source.visible_get()]
     keep(sources, analyse(context, sources))
