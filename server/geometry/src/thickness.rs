@@ -63,14 +63,14 @@ impl LocalThickness {
     pub fn new(region: &MeshInterior) -> LocalThickness {
         let mut rng = Pcg64Mcg::seed_from_u64(0);
         let points: Vec<DVec3> = (0..SAMPLES).map_while(|_| region.sample_inside(&mut rng)).collect();
-        let touching: Vec<Ball> = points.iter().map(|&point| touching_ball(region, point)).collect();
+        let (touching, mut depths): (Vec<Ball>, Vec<f64>) =
+            points.iter().map(|&point| touching_ball(region, point)).unzip();
         let largest = |(&point, own): (&DVec3, &Ball)| {
             let holds = |ball: &&Ball| ball.center.distance_squared(point) <= (CORNER * ball.radius).powi(2);
             let larger = |a: Ball, b: &Ball| if b.radius > a.radius { *b } else { a };
             touching.iter().filter(holds).fold(*own, larger)
         };
         let balls = points.iter().zip(&touching).map(largest).collect();
-        let mut depths: Vec<f64> = points.iter().map(|&point| region.nearest(point).1).collect();
         depths.sort_by(f64::total_cmp);
         let spacing = libm::cbrt(region.volume() / points.len().max(1) as f64);
         LocalThickness { points, balls, depths, spacing }
@@ -158,7 +158,8 @@ pub fn describe_parts(parts: &[Part]) -> String {
 }
 
 /// The largest ball within the solid that touches the surface at the place nearest to a point.
-fn touching_ball(region: &MeshInterior, point: DVec3) -> Ball {
+/// Besides, the point's distance from the surface, m.
+fn touching_ball(region: &MeshInterior, point: DVec3) -> (Ball, f64) {
     let (foot, depth, _) = region.nearest(point);
     let inward = (point - foot).normalize_or_zero();
     let (low, high) = region.bounds();
@@ -174,7 +175,7 @@ fn touching_ball(region: &MeshInterior, point: DVec3) -> Ball {
         radius = smaller;
     }
     let radius = radius.max(depth);
-    Ball { center: foot + inward * radius, radius }
+    (Ball { center: foot + inward * radius, radius }, depth)
 }
 
 #[cfg(test)]
