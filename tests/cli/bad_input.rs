@@ -130,10 +130,9 @@ fn lengths_beyond_all_measure() {
                 format!("--control {odd} --prop {odd}"),
                 format!("--control cone.glb --prop brick.glb --prop {odd} --set release.interval_natural=1e-9"),
             ] {
-                for command in ["check", "plan"] {
-                    let done = desk.line(&format!("{command} {scene}"));
-                    assert!([0, 65].contains(&done.code), "{command} {scene}, {size:e}: {}", done.stderr);
-                }
+                // It checks, too.
+                let done = desk.line(&format!("plan {scene}"));
+                assert!([0, 65].contains(&done.code), "{scene}, {size:e}: {}", done.stderr);
             }
         }
     }

@@ -162,12 +162,10 @@ fn prove(mut pile: Pile, is_tried: bool) -> Result<Settled, Rejection> {
     Err(last)
 }
 
-/// Lets all rest again after bodies were taken away.
+/// Lets those rest again that bodies which were taken away had touched: these are awake.
 fn calm(pile: &mut Pile) -> Result<(), Rejection> {
     let (library, place) = (pile.library, pile.drawn.place);
     use_friction(library, place, &mut pile.world, library.catalogue.settle_friction());
-    // Wakes all.
-    pile.world.set_gravity(DVec3::NEG_Y);
     until_rest(pile)?;
     use_friction(library, place, &mut pile.world, f64::INFINITY);
     Ok(())

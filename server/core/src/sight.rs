@@ -1,7 +1,7 @@
 //! Bodies as a camera sees them: by their own meshes; and which of them something besides other bodies carries.
 
 use cairn_engine::shape::Shape;
-use cairn_engine::world::{BodyId, ContactPair, PairSide, World};
+use cairn_engine::world::{BodyId, ContactPair, PairSide, Role, World};
 use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::measure::Sight;
 use cairn_geometry::mesh::TriMesh;
@@ -31,11 +31,11 @@ impl<'a> SeenBodies<'a> {
     }
 }
 
-/// The bodies that stand by themselves, and those that touch something besides other bodies. `pairs`: at least those of
-/// bodies and what is fixed that touch.
+/// The bodies that were placed to stay, and those that touch something besides other bodies. What glue holds may hover.
+/// `pairs`: at least those of bodies and what is fixed that touch.
 pub fn carried(pairs: &[ContactPair], world: &World) -> BTreeSet<BodyId> {
     let is_near = |pair: &&ContactPair| pair.points.iter().any(|p| p.gap <= REAL_CONTACT * world.pair_thickness(pair));
     let is_fixed = |pair: &&ContactPair| matches!(pair.b, PairSide::Scenery | PairSide::Moving | PairSide::Ground);
     let on_fixed = pairs.iter().filter(is_fixed).filter(is_near).map(|pair| pair.a);
-    on_fixed.chain(world.present().filter(|&id| world.bodies()[id].role.stands())).collect()
+    on_fixed.chain(world.present().filter(|&id| world.bodies()[id].role == Role::Pinned)).collect()
 }

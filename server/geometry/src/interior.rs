@@ -124,6 +124,11 @@ impl MeshInterior {
         (hit.point, hit.squared.sqrt(), surface.name(hit.place) as usize)
     }
 
+    /// The closest point of the solid's surface, where that is nearer than `reach`, metres.
+    pub fn nearest_within(&self, p: DVec3, reach: f64) -> Option<DVec3> {
+        self.surface().nearest_within(p, reach).map(|hit| hit.point)
+    }
+
     /// Distance to the solid's surface, metres: negative inside.
     pub fn signed_distance(&self, p: DVec3) -> f64 {
         let (_, distance, _) = self.nearest(p);

@@ -162,14 +162,16 @@ pub fn describe_parts(parts: &[Part]) -> String {
 fn touching_ball(region: &MeshInterior, point: DVec3) -> (Ball, f64) {
     let (foot, depth, _) = region.nearest(point);
     let inward = (point - foot).normalize_or_zero();
+    // No larger one is within its box.
     let (low, high) = region.bounds();
-    let mut radius = low.distance(high);
+    let mut radius = (high - low).min_element() / 2.0;
     for _ in 0..MOST_STEPS {
-        let (touched, distance, _) = region.nearest(foot + inward * radius);
+        let middle = foot + inward * radius;
+        let Some(touched) = region.nearest_within(middle, (1.0 - ACCURACY) * radius) else { break };
         let across = touched - foot;
         // Through both points.
         let smaller = across.length_squared() / (2.0 * inward.dot(across));
-        if distance >= (1.0 - ACCURACY) * radius || smaller.is_nan() || !(0.0..radius).contains(&smaller) {
+        if smaller.is_nan() || !(0.0..radius).contains(&smaller) {
             break;
         }
         radius = smaller;

@@ -62,6 +62,8 @@ const STEEP: f64 = 0.7;
 
 /// Bound on the distance grid, for memory.
 const MAX_GRID_NODES: usize = 2_000_000;
+/// Distances are exact this far inside and outside, d: no more than the size of a usual prop is asked for.
+pub const EXACT: [f64; 2] = [1.0, 0.5];
 /// A container of more triangles than this per d^2 is finer than props need: each prop meets dozens of them.
 const FINE_WALLS: f64 = 50.0;
 /// A remeshed container is this far inside the control mesh, in grid spacings: the surface of a grid rounds edges off,
@@ -254,7 +256,7 @@ fn without_base(mesh: &TriMesh, base: f64, cut: f64, collar: f64) -> (TriMesh, V
 /// The inside of a mesh in SI, and the distance to its surface, in engine units.
 pub fn grid(mesh: &TriMesh, units: &Units) -> (MeshInterior, DistanceGrid) {
     let region = MeshInterior::new(&units.mesh_to_engine(mesh));
-    let distance = DistanceGrid::new(&region, RESOLUTION, MAX_GRID_NODES);
+    let distance = DistanceGrid::new(&region, RESOLUTION, MAX_GRID_NODES, EXACT);
     (region, distance)
 }
 

@@ -48,12 +48,14 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
     let sight = seen.sight();
     let found = sight.visible(&touching, all);
     let (carried, gap) = (carried(pairs, world), inputs.params.accuracy.traits().visible_contact);
-    let hanging = sight.hanging(gap, |i| {
+    let stands = |i: usize| {
         let height = sight.lowest(i) - inputs.ground;
         carried.contains(&present[i]) || inputs.params.ground && height <= gap * seen.thickness[i]
-    });
+    };
+    let hanging = sight.hanging(gap, stands);
+    let feet = (0..present.len()).filter(|&i| stands(i)).count();
     let values = [
-        (!carried.is_empty()).then(|| present.len() as f64 / carried.len() as f64),
+        (feet > 0).then(|| present.len() as f64 / feet as f64),
         Some(hanging.len() as f64),
         Some(found.cut_share),
         Some(found.depth_mean),

@@ -73,10 +73,18 @@ impl Bvh {
     /// The closest point of any triangle. `guess` is the place of a triangle that is likely near.
     /// `None` when there is no triangle.
     pub fn nearest(&self, p: DVec3, guess: u32) -> Option<NearestPoint> {
-        if self.tree.nodes.is_empty() {
-            return None;
-        }
-        let mut best = self.hit(p, guess.min(self.corners.len() as u32 - 1));
+        let last = (self.corners.len() as u32).checked_sub(1)?;
+        Some(self.nearer(p, self.hit(p, guess.min(last))))
+    }
+
+    /// The closest point of any triangle, where one is nearer than `reach`.
+    pub fn nearest_within(&self, p: DVec3, reach: f64) -> Option<NearestPoint> {
+        let none = NearestPoint { point: p, squared: reach * reach, place: u32::MAX };
+        (!self.corners.is_empty()).then(|| self.nearer(p, none)).filter(|found| found.place != none.place)
+    }
+
+    /// The closest point of any triangle, or `best` where none is nearer. There is a triangle.
+    fn nearer(&self, p: DVec3, mut best: NearestPoint) -> NearestPoint {
         let planes = self.planes.get_or_init(|| self.corners.iter().map(Plane::of).collect());
         // Far beyond what rounding does to the distance from a plane.
         let slack = PLANE_SLACK * (self.extent + p.abs().max_element());
@@ -111,7 +119,7 @@ impl Bvh {
             stack[depth + 1] = near;
             depth += 2;
         }
-        Some(best)
+        best
     }
 
     fn hit(&self, p: DVec3, place: u32) -> NearestPoint {

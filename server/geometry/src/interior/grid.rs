@@ -7,10 +7,13 @@ use rayon::prelude::*;
 
 /// Cells beyond the region's box on each side, so that a gradient just outside is still interpolated.
 const MARGIN: f64 = 2.0;
+/// Far from the surface, only every so many nodes along each axis have exact values.
+const COARSER: usize = 4;
 
 /// Signed distance to a [`MeshInterior`] at the nodes of a cubic grid around it: negative inside, metres.
 /// Between nodes it is trilinear: the error is a fraction of a cell near edges and on the medial axis, and second
-/// order elsewhere. A wall thinner than a cell may vanish.
+/// order elsewhere. A wall thinner than a cell may vanish. Nodes farther from the surface than was asked for are
+/// interpolated themselves, between nodes four cells apart.
 #[derive(Clone, Debug)]
 pub struct DistanceGrid {
     /// The first node.
@@ -25,8 +28,9 @@ pub struct DistanceGrid {
 
 impl DistanceGrid {
     /// A grid of the wanted spacing (metres), or of the finest one that needs no more than `max_nodes`
-    /// (at least a thousand are used): see [`DistanceGrid::spacing`] and [`DistanceGrid::capped`].
-    pub fn new(region: &MeshInterior, spacing: f64, max_nodes: usize) -> DistanceGrid {
+    /// (at least a thousand are used): see [`DistanceGrid::spacing`] and [`DistanceGrid::capped`]. `exact`: values are
+    /// exact this far inside and outside of the surface, metres.
+    pub fn new(region: &MeshInterior, spacing: f64, max_nodes: usize, exact: [f64; 2]) -> DistanceGrid {
         assert!(spacing > 0.0 && spacing.is_finite());
         let max_nodes = max_nodes.max(1000) as f64;
         let (lo, hi) = region.bounds();
@@ -36,12 +40,38 @@ impl DistanceGrid {
         let cells = (extent / h).ceil();
         let size = [cells.x, cells.y, cells.z].map(|n| (n + 2.0 * MARGIN) as usize + 1);
         let origin = (lo + hi) / 2.0 - (cells / 2.0 + MARGIN) * h;
-        let mut values = vec![0.0; size[0] * size[1] * size[2]];
-        values.par_chunks_mut(size[0]).enumerate().for_each(|(row, values)| {
-            let start = origin + DVec3::new(0.0, (row % size[1]) as f64, (row / size[1]) as f64) * h;
-            fill_row(region, start, h, values);
+        // Without a surface all around, a side is not known by the distance.
+        let far = (!region.is_open()).then(|| {
+            let size = size.map(|n| (n - 1).div_ceil(COARSER) + 1);
+            let far = DistanceGrid { origin, spacing: h * COARSER as f64, size, values: Vec::new(), capped: false };
+            far.filled(region, |_, _| None)
         });
-        DistanceGrid { origin, spacing: h, size, values, capped: h > spacing }
+        let grid = DistanceGrid { origin, spacing: h, size, values: Vec::new(), capped: h > spacing };
+        grid.filled(region, |p, [x, y, z]| {
+            let far = far.as_ref()?;
+            let near = [x, y, z].map(|n| (n + COARSER / 2) / COARSER);
+            let value = far.values[(near[2] * far.size[1] + near[1]) * far.size[0] + near[0]];
+            let node = origin + DVec3::from_array(near.map(|n| n as f64)) * far.spacing;
+            let is_exact = value.abs() - p.distance(node) <= exact[usize::from(value > 0.0)];
+            (!is_exact).then(|| far.interpolate((p - origin) / far.spacing))
+        })
+    }
+
+    /// With values for its nodes. `known`: the value of a node, by its place and its numbers, where it is not needed
+    /// exactly.
+    fn filled(
+        mut self,
+        region: &MeshInterior,
+        known: impl Fn(DVec3, [usize; 3]) -> Option<f64> + Sync,
+    ) -> DistanceGrid {
+        let (origin, [nx, ny, nz], h) = (self.origin, self.size, self.spacing);
+        self.values = vec![0.0; nx * ny * nz];
+        self.values.par_chunks_mut(nx).enumerate().for_each(|(row, values)| {
+            let (y, z) = (row % ny, row / ny);
+            let start = origin + DVec3::new(0.0, y as f64, z as f64) * h;
+            fill_row(region, start, h, values, |p, x| known(p, [x, y, z]));
+        });
+        self
     }
 
     /// Removes the inside of `other`, a grid around the same place, from the region.
@@ -64,7 +94,7 @@ impl DistanceGrid {
             }
             let start = first + DVec3::new(0.0, (row % ny) as f64, (row / ny) as f64) * h;
             let mut cut = vec![0.0; nx];
-            fill_row(region, start * scale + origin, h * scale, &mut cut);
+            fill_row(region, start * scale + origin, h * scale, &mut cut, |_, _| None);
             values.iter_mut().zip(cut).for_each(|(value, cut)| *value = value.max(-cut / scale));
         });
     }
@@ -179,19 +209,28 @@ impl DistanceGrid {
 }
 
 /// One row along X. The neighbour's triangle is a good first guess, and two nodes are on the same side when the
-/// surface is farther than the step between them: most nodes need neither a full search nor a winding number.
-fn fill_row(region: &MeshInterior, start: DVec3, h: f64, values: &mut [f64]) {
+/// surface is farther than the step between them: most nodes need neither a full search nor a winding number. `known`:
+/// values that are not looked for.
+fn fill_row(
+    region: &MeshInterior,
+    start: DVec3,
+    h: f64,
+    values: &mut [f64],
+    known: impl Fn(DVec3, usize) -> Option<f64>,
+) {
     let mut guess = 0;
     let mut last: Option<f64> = None;
     for (x, value) in values.iter_mut().enumerate() {
         let p = start + DVec3::X * (x as f64 * h);
-        let (distance, place) = region.distance_near(p, guess);
-        guess = place;
-        let inside = match last {
-            Some(v) if v.abs() > h && !region.is_open() => v < 0.0,
-            _ => region.contains(p),
-        };
-        *value = if inside { -distance } else { distance };
+        *value = known(p, x).unwrap_or_else(|| {
+            let (distance, place) = region.distance_near(p, guess);
+            guess = place;
+            let inside = match last {
+                Some(v) if v.abs() > h && !region.is_open() => v < 0.0,
+                _ => region.contains(p),
+            };
+            if inside { -distance } else { distance }
+        });
         last = Some(*value);
     }
 }

@@ -1,6 +1,7 @@
 //! Where the pile stands: on scenery, on the ground, or on nothing.
 
 use super::{CheckedScene, FLOATING};
+use crate::container::EXACT;
 use crate::surroundings::{self, Carrier, Surroundings};
 use cairn_engine::shape::Size;
 use cairn_engine::units::Units;
@@ -67,7 +68,7 @@ pub fn of(
     };
     let units = Units::new(diameter, 1.0, params.gravity);
     let region = MeshInterior::new(&units.mesh_to_engine(&control.mesh));
-    let mut grid = DistanceGrid::new(&region, COARSER * RESOLUTION, MOST_NODES);
+    let mut grid = DistanceGrid::new(&region, COARSER * RESOLUTION, MOST_NODES, EXACT);
     let room = around.cut(&mut grid, &units, surroundings::least_radius(scene, sizes));
     let columns = columns(&around, &grid, &units, LOWEST * diameter);
     let mut standing = Standing { room: Some(room), ..Standing::default() };

@@ -34,7 +34,8 @@ impl Core {
         let lengthened = lengthened(&control.mesh, base, cut, shell + DEPTH * diameter);
         // Nodes twice as far apart as the container's: nobody sees the core.
         let spacing = 2.0 * RESOLUTION * diameter;
-        let distance = DistanceGrid::new(&MeshInterior::new(&lengthened), spacing, MAX_GRID_NODES / 8);
+        let exact = [shell + 2.0 * spacing, spacing];
+        let distance = DistanceGrid::new(&MeshInterior::new(&lengthened), spacing, MAX_GRID_NODES / 8, exact);
         let fine = surface(&distance, shell);
         if fine.triangles.is_empty() {
             return None;
