@@ -176,7 +176,7 @@ def others(area, settings, manager):
 
 
 # Of other states of the panel.
-RUNNING = [(80, 350, (249, 291, 328))]
+RUNNING = [(80, 376, (249, 291, 328, 354))]
 STOPPED = [(80, 310, (249,))]
 VARIANTS = [(425, 735, (469, 495, 521, 707))]
 EDIT = [(425, 725, (469, 490, 511, 537, 688))]
