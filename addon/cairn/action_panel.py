@@ -91,8 +91,8 @@ def matching(share):
 def cost_of_fit(plan):
     """What the size that fits costs, in words. The time of a bake grows as the number of bodies does."""
     times = plan["fitting_scale"] ** -3
-    count = f"{plan['body_count'] * times:.2g}"
-    return f"About {float(count):.0f} bodies instead of {plan['body_count']}. A bake takes {times:.2g} times as long."
+    bodies, factor = (f"{float(f'{value:.2g}'):g}" for value in (plan["body_count"] * times, times))
+    return f"About {bodies} bodies instead of {plan['body_count']}. A bake takes {factor} times as long."
 
 
 def problems():

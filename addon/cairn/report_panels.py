@@ -12,6 +12,8 @@ FIGURES = [
     # With the shape as it was drawn, in its place: kept is only what the release left of the match before it.
     ("shape_iou", "Match with the Shape", "{:.1%}"),
     ("kept_shape", "Kept Shape", "{:.1%}"),
+    # Only where something disturbed the pile once it rested.
+    ("shape_iou_after", "Match with the Shape", "{:.1%}"),
     ("at_rest_fraction", "At Rest", "{:.1%}"),
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Of the meshes, where bodies meet: 95 of 100 are smaller.
@@ -85,23 +87,15 @@ class CAIRN_PT_report(Pile, Panel):
         elif any(made.job.bake_id == report["bake_id"] for made in running.measuring):
             layout.label(text="Measuring…", icon="TIME")
         column = layout.column(align=True)
-        frames = report.get("frame_count", 0)
-        draw_figure(column, "Bodies", str(report.get("body_count", 0)))
-        draw_figure(column, "Frames", str(frames))
-        for name, title, form in FIGURES:
-            value = report.get("measures", {}).get(name)
-            if value is not None:
-                # A pile that settles into its shape measures a little more than all of it.
-                value = min(value, 1.0) if name == "kept_shape" else value
-                draw_figure(column, title, form(value) if callable(form) else form.format(value))
-        if report.get("accuracy"):
-            draw_figure(column, "Quality", panels.quality(report["accuracy"]))
-        if "seconds" in report:
-            draw_figure(column, "Time", running.duration(report["seconds"]))
+        for title, text in figures_of(collection):
+            if text:
+                draw_figure(column, title, text)
+            else:
+                column.label(text=title)
         draw_shares(layout, collection)
         glue = running.glue_of(report)
         if glue:
-            wrapped(layout, context, glue)
+            wrapped(layout, context, f"Before the collapse: {glue}" if running.has_collapsed(collection) else glue)
         for line in changed_since(context.scene, collection):
             wrapped(layout, context, line, "INFO")
         names = running.recipe_of(collection).get("names", {})
@@ -116,6 +110,29 @@ class CAIRN_PT_report(Pile, Panel):
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def figures_of(collection):
+    """The figures of a pile: pairs of a title and a text, which a heading has not."""
+    report = running.report_of(collection)
+    measures, found = report.get("measures", {}), []
+    found += [("Bodies", str(report.get("body_count", 0))), ("Frames", str(report.get("frame_count", 0)))]
+    event = "the Collapse" if running.has_collapsed(collection) else "It Was Disturbed"
+    headings = (
+        {"shape_iou": f"Before {event}", "shape_iou_after": "At the End"} if "shape_iou_after" in measures else {}
+    )
+    for name, title, form in FIGURES:
+        value = measures.get(name)
+        if value is not None:
+            # A pile that settles into its shape measures a little more than all of it.
+            value = min(value, 1.0) if name == "kept_shape" else value
+            found += [(headings[name], "")] if name in headings else []
+            found.append((title, form(value) if callable(form) else form.format(value)))
+    if report.get("accuracy"):
+        found.append(("Quality", panels.quality(report["accuracy"])))
+    if "seconds" in report:
+        found.append(("Time", running.duration(report["seconds"])))
+    return found
 
 
 def changed_since(scene, collection):
@@ -169,14 +186,16 @@ class CAIRN_PT_holds(Pile, Panel):
         layout.prop(manager, "cairn_loads")
         if states.is_by_load:
             draw_shading(layout, context)
-        wrapped(layout, context, "Bodies that a dot of glue joins, and its load in weights of a typical prop:")
+        collapsed = running.has_collapsed(collection)
+        when = " before the collapse, which ended all glue" if collapsed else ""
+        wrapped(layout, context, f"Bodies that a dot of glue joins, and its load in weights of a typical prop{when}:")
         column = layout.column(align=True)
         for number, dot in enumerate(listed[:LISTED]):
             names = [_called(collection, body) for body in (dot["body"], dot["other"])]
             row = column.split(factor=0.78, align=True)
             button = row.operator("cairn.select_dot", text=" – ".join(names), icon="RESTRICT_SELECT_OFF")
             button.collection, button.dot = collection.name, number
-            row.label(text="broke" if dot["broken"] else _said(dot["load"]))
+            row.label(text="broke" if dot["broken"] and not collapsed else _said(dot["load"]))
         if len(listed) > LISTED:
             layout.label(text=f"and {len(listed) - LISTED} more that carry less")
 

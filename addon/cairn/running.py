@@ -289,6 +289,11 @@ def report_of(collection):
     return report if "measures" in report else _late.get(collection.cairn.bake_id, report)
 
 
+def has_collapsed(collection):
+    """Whether a pile comes down in the end: its shape and its glue are those of before."""
+    return recipe_of(collection).get("settings", {}).get("use_collapse", False)
+
+
 def glue_of(report):
     """A summary of a pile's glue; empty if gluing was off."""
     share = report.get("measures", {}).get("glued_body_fraction")
