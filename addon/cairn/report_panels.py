@@ -118,15 +118,13 @@ def figures_of(collection):
     measures, found = report.get("measures", {}), []
     found += [("Bodies", str(report.get("body_count", 0))), ("Frames", str(report.get("frame_count", 0)))]
     event = "the Collapse" if running.has_collapsed(collection) else "It Was Disturbed"
-    headings = (
-        {"shape_iou": f"Before {event}", "shape_iou_after": "At the End"} if "shape_iou_after" in measures else {}
-    )
+    headings = {"shape_iou": f"Before {event}", "shape_iou_after": "At the End"}
     for name, title, form in FIGURES:
         value = measures.get(name)
         if value is not None:
             # A pile that settles into its shape measures a little more than all of it.
             value = min(value, 1.0) if name == "kept_shape" else value
-            found += [(headings[name], "")] if name in headings else []
+            found += [(headings[name], "")] if name in headings and "shape_iou_after" in measures else []
             found.append((title, form(value) if callable(form) else form.format(value)))
     if report.get("accuracy"):
         found.append(("Quality", panels.quality(report["accuracy"])))
