@@ -76,11 +76,12 @@ def draw_fit(layout, context, plan):
 def poor_fit(plan):
     """What of the shape the props do not fill, in words; empty where they fit."""
     (parts, share), match = plan["thin"], plan["match"]
-    expected = f"The pile will match {matching(match)} of the shape." if match > 0.0 else ""
+    expected = f"The pile will match {matching(match)}." if match > 0.0 else ""
     if not parts:
         return expected if match < POOR else ""
-    what = "1 part of the shape is" if parts == 1 else f"{parts} parts of the shape are"
-    return f"{what} too thin for these props, {max(share, 0.01):.0%} of its volume, and will stay empty. {expected}"
+    what = "1 part of the shape" if parts == 1 else f"{parts} parts of the shape"
+    is_thin = "is too thin: it stays" if parts == 1 else "are too thin: they stay"
+    return f"{what} ({max(share, 0.01):.0%}) {is_thin} empty. {expected}"
 
 
 def matching(share):
@@ -92,7 +93,7 @@ def cost_of_fit(plan):
     """What the size that fits costs, in words. The time of a bake grows as the number of bodies does."""
     times = plan["fitting_scale"] ** -3
     bodies, factor = (f"{float(f'{value:.2g}'):g}" for value in (plan["body_count"] * times, times))
-    return f"About {bodies} bodies instead of {plan['body_count']}. A bake takes {factor} times as long."
+    return f"About {bodies} bodies instead of {plan['body_count']}: a bake takes {factor} times as long."
 
 
 def problems():

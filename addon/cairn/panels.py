@@ -249,10 +249,12 @@ def draw_accuracies(layout, settings):
             costs.label(text=expected(name))
             costs.label(text=overlap(name))
         elif settings.accuracy == "AUTO":
-            costs.label(text=quality(preset_of(settings)))
-    line = column.column()
-    line.active = not running.plan_is_old
-    line.label(text=others(preset_of(settings)))
+            # Across both columns: it would be cut.
+            row.label(text=quality(preset_of(settings)))
+    lines = column.column()
+    lines.active = not running.plan_is_old
+    for text in others(preset_of(settings)):
+        lines.label(text=text)
     if settings.accuracy == "AUTO":
         row = layout.row()
         row.prop(settings, "goal", expand=True)
@@ -260,12 +262,12 @@ def draw_accuracies(layout, settings):
 
 
 def others(accuracy):
-    """What else is expected of a quality, in one line; empty before it is known."""
-    known = running.plan.get("others", {}).get(accuracy) if running.plan else None
+    """What else is expected of a quality, as lines; empty before it is known."""
+    known = running.plan["others"].get(accuracy) if running.plan else None
     if not known:
-        return ""
+        return "", ""
     bodies, seconds, speed = known
-    return f"{bodies} bodies, {max(seconds, 1):.0f} CPU s, speed ±{speed:.1%}"
+    return f"{bodies} bodies, {max(seconds, 1):.0f} CPU s", f"Speed ±{speed:.1%}"
 
 
 def preset_of(settings):

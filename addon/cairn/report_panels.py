@@ -10,10 +10,10 @@ from .panels import Pile
 # Figures of the report, by their names there: what the panel calls them, and how they are shown.
 FIGURES = [
     # With the shape as it was drawn, in its place: kept is only what the release left of the match before it.
-    ("shape_iou", "Match with the Shape", "{:.1%}"),
+    ("shape_iou", "Shape Match", "{:.1%}"),
     ("kept_shape", "Kept Shape", "{:.1%}"),
     # Only where something disturbed the pile once it rested.
-    ("shape_iou_after", "Match with the Shape", "{:.1%}"),
+    ("shape_iou_after", "Shape Match", "{:.1%}"),
     ("at_rest_fraction", "At Rest", "{:.1%}"),
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Of the meshes, where bodies meet: 95 of 100 are smaller.
@@ -93,9 +93,9 @@ class CAIRN_PT_report(Pile, Panel):
             else:
                 column.label(text=title)
         draw_shares(layout, collection)
-        glue = running.glue_of(report)
+        glue = running.glue_of(report, running.has_collapsed(collection))
         if glue:
-            wrapped(layout, context, f"Before the collapse: {glue}" if running.has_collapsed(collection) else glue)
+            wrapped(layout, context, glue)
         for line in changed_since(context.scene, collection):
             wrapped(layout, context, line, "INFO")
         names = running.recipe_of(collection).get("names", {})

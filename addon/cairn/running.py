@@ -294,8 +294,8 @@ def has_collapsed(collection):
     return recipe_of(collection).get("settings", {}).get("use_collapse", False)
 
 
-def glue_of(report):
-    """A summary of a pile's glue; empty if gluing was off."""
+def glue_of(report, collapsed=False):
+    """A summary of a pile's glue; empty if gluing was off. `collapsed`: the pile has come down, which ended all glue."""
     share = report.get("measures", {}).get("glued_body_fraction")
     counts = report.get("counts", {})
     dots = counts.get("glue_dots", 0)
@@ -310,7 +310,9 @@ def glue_of(report):
         dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
         sentences.append(f"{dots_hold} the pile to the ground or to scenery.")
     broken = counts.get("glue_dots_broken", 0)
-    if broken:
+    if collapsed:
+        sentences.insert(0, "Before the collapse:")
+    elif broken:
         sentences.append(f"{broken} broke.")
     return " ".join(sentences)
 

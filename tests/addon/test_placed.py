@@ -228,7 +228,7 @@ def test_a_pile_collapses_to_the_side_that_is_chosen(desk, addon, angle):
     # It says what the figures are of.
     said = addon("report_panels").figures_of(pile)
     before, after = said.index(("Before the Collapse", "")), said.index(("At the End", ""))
-    match = [float(text.rstrip("%")) for title, text in said if title == "Match with the Shape"]
+    match = [float(text.rstrip("%")) for title, text in said if title == "Shape Match"]
     assert before < after and len(match) == 2 and match[0] > 60.0 > match[1] and "Kept Shape" in dict(said)
     assert np.linalg.norm(way) > 0.2 and abs((fell - angle + 180) % 360 - 180) < 25, (fell, angle)
     if angle == 90:
