@@ -295,7 +295,7 @@ def has_collapsed(collection):
 
 
 def glue_of(report, collapsed=False):
-    """A summary of a pile's glue; empty if gluing was off. `collapsed`: the pile has come down, which ended all glue."""
+    """A summary of a pile's glue; empty if gluing was off. `collapsed`: the pile came down, which ended the glue."""
     share = report.get("measures", {}).get("glued_body_fraction")
     counts = report.get("counts", {})
     dots = counts.get("glue_dots", 0)
