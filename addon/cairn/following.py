@@ -287,7 +287,7 @@ def finished(operator, context, collection):
         context.view_layer.update()
         names = running.recipe_of(collection).get("names", {})
         warnings = [text for text, _ in wording.gathered(report.get("warnings", ()), names)]
-        for sentence in filter(None, (running.glue_of(report, running.has_collapsed(collection)), *warnings)):
+        for sentence in filter(None, (running.glue_of(report), *warnings)):
             print(f"Cairn: {sentence}", flush=True)
     return {"FINISHED"}
 

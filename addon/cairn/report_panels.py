@@ -93,7 +93,7 @@ class CAIRN_PT_report(Pile, Panel):
             else:
                 column.label(text=title)
         draw_shares(layout, collection)
-        glue = running.glue_of(report, running.has_collapsed(collection))
+        glue = running.glue_of(report)
         if glue:
             wrapped(layout, context, glue)
         for line in changed_since(context.scene, collection):
@@ -117,7 +117,7 @@ def figures_of(collection):
     report = running.report_of(collection)
     measures, found = report.get("measures", {}), []
     found += [("Bodies", str(report.get("body_count", 0))), ("Frames", str(report.get("frame_count", 0)))]
-    event = "the Collapse" if running.has_collapsed(collection) else "It Was Disturbed"
+    event = "the Collapse" if "collapse_frame" in report else "It Was Disturbed"
     headings = {"shape_iou": f"Before {event}", "shape_iou_after": "At the End"}
     for name, title, form in FIGURES:
         value = measures.get(name)
@@ -184,8 +184,8 @@ class CAIRN_PT_holds(Pile, Panel):
         layout.prop(manager, "cairn_loads")
         if states.is_by_load:
             draw_shading(layout, context)
-        collapsed = running.has_collapsed(collection)
-        when = " before the collapse, which ended all glue" if collapsed else ""
+        collapses = "collapse_frame" in running.report_of(collection)
+        when = " before the collapse, which ends all glue" if collapses else ""
         wrapped(layout, context, f"Bodies that a dot of glue joins, and its load in weights of a typical prop{when}:")
         column = layout.column(align=True)
         for number, dot in enumerate(listed[:LISTED]):
@@ -193,7 +193,7 @@ class CAIRN_PT_holds(Pile, Panel):
             row = column.split(factor=0.78, align=True)
             button = row.operator("cairn.select_dot", text=" – ".join(names), icon="RESTRICT_SELECT_OFF")
             button.collection, button.dot = collection.name, number
-            row.label(text="broke" if dot["broken"] and not collapsed else _said(dot["load"]))
+            row.label(text="broke" if dot["broken"] else _said(dot["load"]))
         if len(listed) > LISTED:
             layout.label(text=f"and {len(listed) - LISTED} more that carry less")
 

@@ -247,6 +247,8 @@ class Bake:
                 seconds=round(time.monotonic() - self.began, 3),
                 dots=dots.remembered(self.job, self.job.report, self.recipe["metres"]),
             )
+            if self.job.report.get("collapse"):
+                record["collapse_frame"] = self.job.report["collapse"]["frame"]
         else:
             bodies = len(self.recording.props) if self.frame_count else int(self.latest.present.sum())
             record.update(body_count=bodies, frame_count=self.frame_count)
@@ -289,13 +291,8 @@ def report_of(collection):
     return report if "measures" in report else _late.get(collection.cairn.bake_id, report)
 
 
-def has_collapsed(collection):
-    """Whether a pile comes down in the end: its shape and its glue are those of before."""
-    return recipe_of(collection).get("settings", {}).get("use_collapse", False)
-
-
-def glue_of(report, collapsed=False):
-    """A summary of a pile's glue; empty if gluing was off. `collapsed`: the pile came down, which ended the glue."""
+def glue_of(report):
+    """A summary of a pile's glue; empty if gluing was off."""
     share = report.get("measures", {}).get("glued_body_fraction")
     counts = report.get("counts", {})
     dots = counts.get("glue_dots", 0)
@@ -310,7 +307,8 @@ def glue_of(report, collapsed=False):
         dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
         sentences.append(f"{dots_hold} the pile to the ground or to scenery.")
     broken = counts.get("glue_dots_broken", 0)
-    if collapsed:
+    if "collapse_frame" in report:
+        # It ended all glue.
         sentences.insert(0, "Before the collapse:")
     elif broken:
         sentences.append(f"{broken} broke.")

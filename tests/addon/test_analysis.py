@@ -133,7 +133,7 @@ def test_the_list_and_pull_out_say_the_same(stack, addon):
     sources, out = list(stack.values()), list(stack).index("block")
 
     def told(down, moved=(), **other):
-        stack["block"][analysis.FIGURES] = json.dumps({"removal": {**removal, **other}})
+        stack["block"][analysis.FIGURES] = json.dumps({"standing": "stands", "removal": {**removal, **other}})
         number = list(stack).index
         removed = {"body": out, "came_down": [number(name) for name in down]}
         removed["moved"] = [(number(name), 0.1) for name in (*down, *moved)]
@@ -143,6 +143,9 @@ def test_the_list_and_pull_out_say_the_same(stack, addon):
     assert told(["board", "cup", "table"]).endswith("; table came down besides, hit or pulled along")
     assert told(["board"], ["cup"]).endswith("; cup began to fall and found a hold")
     assert told(["board"]).endswith("; cup stayed, although no forces were found that hold it")
+    loose = {**analysis.figures(stack["table"]), "standing": "falls_alone"}
+    stack["table"][analysis.FIGURES] = json.dumps(loose)
+    assert told(["board", "cup", "table"]).endswith("; table came down, as without Pull Out")
     safe = {"moving": [], "on_these": [], "is_safe": True}
     assert told([], **safe) == "the others stand, as the analysis says"
     assert told(["cup"], **safe) == "cup came down; the analysis says that all could stand"

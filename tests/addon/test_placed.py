@@ -225,6 +225,13 @@ def test_a_pile_collapses_to_the_side_that_is_chosen(desk, addon, angle):
     # Blender's X and Y.
     way = np.array([ways[:, 0].mean(), -ways[:, 2].mean()])
     fell = np.degrees(np.arctan2(way[1], way[0]))
+    # Glue that the collapse ends was there before, and did not break.
+    glue, scene = addon("glue"), bpy.context.scene
+    shown = []
+    for frame in (1, scene.frame_end):
+        scene.frame_set(frame)
+        shown.append(glue.has_ended(pile))
+    assert shown == [False, True] and not any(dot["broken"] for dot in glue.dots_of(pile))
     # It says what the figures are of.
     said = addon("report_panels").figures_of(pile)
     before, after = said.index(("Before the Collapse", "")), said.index(("At the End", ""))
