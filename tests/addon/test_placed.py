@@ -220,6 +220,7 @@ def test_a_pile_collapses_to_the_side_that_is_chosen(desk, addon, angle):
     before = desk.bake(output_mode="POSE")
     first = len(bodies_of(before)) // 2
     named = {"use_collapse_first": angle == 90, "collapse_first": first, "use_collapse_frame": angle == 90}
+    named["output_mode"] = "ANIMATION"
     pile = desk.bake(use_collapse=True, collapse_angle=angle, collapse_frame=31, **named)
     ways = desk.motion.positions[-1] - desk.motion.positions[0]
     # Blender's X and Y.
