@@ -1,6 +1,6 @@
 """The button, the bake's progress and the problems, in one place, so that nothing moves under the pointer."""
 
-from . import live, preferences, request, result, running, wording
+from . import estimates, live, preferences, request, result, running, wording
 from .following import is_running
 from .layouts import draw_folded, draw_sentences, wrapped
 
@@ -56,11 +56,11 @@ def draw(layout, context, settings):
     elif running.plan:
         column = layout.column()
         column.active = not running.plan_is_old
-        draw_fit(column, context, running.plan)
+        draw_fit(column, context, running.plan, estimates.bodies(settings))
         draw_folded(column, context, wording.gathered(running.plan["warnings"], running.names))
 
 
-def draw_fit(layout, context, plan):
+def draw_fit(layout, context, plan, count):
     """Says how badly the props fit the shape, and offers the size that fits, with what it costs."""
     if poor_fit(plan):
         wrapped(layout, context, poor_fit(plan), "ERROR")
@@ -70,13 +70,14 @@ def draw_fit(layout, context, plan):
         # The scale of another scene would be wrong.
         column.enabled = not running.plan_is_old
         column.operator("cairn.fit_props", text=f"Scale Props to {scale:.0%}", icon="FULLSCREEN_EXIT").scale = scale
-        wrapped(column, context, cost_of_fit(plan))
+        wrapped(column, context, cost_of_fit(scale, count))
 
 
 def poor_fit(plan):
     """What of the shape the props do not fill, in words; empty where they fit."""
     (parts, share), match = plan["thin"], plan["match"]
-    expected = f"The pile will match {matching(match)}." if match > 0.0 else ""
+    # Of the filled shape: what falls then is not in it.
+    expected = f"As filled, it matches {matching(match)}." if match > 0.0 else ""
     if not parts:
         return expected if match < POOR else ""
     what = "1 part of the shape" if parts == 1 else f"{parts} parts of the shape"
@@ -89,11 +90,10 @@ def matching(share):
     return f"about {share:.0%}" if share >= LEAST_KNOWN else f"less than {LEAST_KNOWN:.0%}"
 
 
-def cost_of_fit(plan):
-    """What the size that fits costs, in words. The time of a bake grows as the number of bodies does."""
-    times = plan["fitting_scale"] ** -3
-    bodies, factor = (f"{float(f'{value:.2g}'):g}" for value in (plan["body_count"] * times, times))
-    return f"About {bodies} bodies instead of {plan['body_count']}: a bake takes {factor} times as long."
+def cost_of_fit(scale, count):
+    """What the size that fits costs, in words. `count`: the bodies of now. The time of a bake grows as they do."""
+    bodies, factor = (f"{float(f'{value:.2g}'):g}" for value in (count * scale**-3, scale**-3))
+    return f"About {bodies} bodies instead of {count}: a bake takes {factor} times as long."
 
 
 def problems():

@@ -35,8 +35,6 @@ def take(answer):
     running.plan = {
         # The preset that the bake would have; with the automatic quality, the server has chosen it.
         "accuracy": names[answer.effective_scene.accuracy],
-        "body_count": plan.expected_body_count,
-        "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
         # The parts of the shape that are too thin for the props: how many, and their share of its volume.
         "thin": (len(plan.thin_parts), sum(part.volume_share for part in plan.thin_parts)),
@@ -44,7 +42,6 @@ def take(answer):
         "fitting_scale": getattr(plan, "fitting_scale", 0.0),
         # The match with the shape that is expected; 0 where it is not known.
         "match": getattr(plan, "expected_match", 0.0),
-        "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
         "dots": {names[estimate.accuracy]: getattr(estimate, "glue_dots", 0.0) for estimate in plan.estimates},
         "kept": {
             names[estimate.accuracy]: (estimate.kept_shape_low, estimate.kept_shape_high) for estimate in plan.estimates
@@ -63,6 +60,19 @@ def take(answer):
         },
         "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},
     }
+
+
+def preset_of(settings):
+    """The chosen quality; of the automatic one, the preset that the server has chosen, or none yet."""
+    if settings.accuracy != "AUTO":
+        return settings.accuracy
+    return running.plan["accuracy"] if running.plan else ""
+
+
+def bodies(settings):
+    """The expected number of bodies, of the chosen quality; 0 before it is known."""
+    known = running.plan["others"].get(preset_of(settings)) if running.plan else None
+    return known[0] if known else 0
 
 
 def waiting():

@@ -5,6 +5,7 @@ import math
 from bpy.types import Panel, UIList
 
 from . import action_panel, arrangement, estimates, preferences, presets, request, running, starters
+from .estimates import bodies, preset_of
 from .export import SOLID
 from .following import is_running
 from .layouts import signs_of, wrapped
@@ -189,7 +190,7 @@ def draw_sizes(layout, settings):
         size.prop(item, "scale_max", text="Max")
     if len(request.props_of(settings)) > 1:
         layout.prop(settings, "weigh_by")
-    count = running.plan["body_count"] if running.plan else 0
+    count = bodies(settings)
     value = draw_switch(layout, settings.fill, "count", "Count")
     if value.active:
         value.prop(settings.fill, "count", text="")
@@ -199,7 +200,7 @@ def draw_sizes(layout, settings):
         if share > 0.0:
             row = layout.row()
             row.active = not running.plan_is_old
-            row.label(text=f"Will match {action_panel.matching(share)}")
+            row.label(text=f"Match as filled: {action_panel.matching(share)}")
     if settings.prop_source == "COLLECTION":
         row = layout.row()
         row.use_property_split = False
@@ -268,13 +269,6 @@ def others(accuracy):
         return "", ""
     bodies, seconds, speed = known
     return f"{bodies} bodies, {max(seconds, 1):.0f} CPU s", f"Speed ±{speed:.1%}"
-
-
-def preset_of(settings):
-    """The chosen quality; of the automatic one, the preset that the server has chosen, or none yet."""
-    if settings.accuracy != "AUTO":
-        return settings.accuracy
-    return running.plan["accuracy"] if running.plan else ""
 
 
 def quality(name):

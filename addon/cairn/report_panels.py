@@ -115,8 +115,10 @@ class CAIRN_PT_report(Pile, Panel):
 def figures_of(collection):
     """The figures of a pile: pairs of a title and a text, which a heading has not."""
     report = running.report_of(collection)
-    measures, found = report.get("measures", {}), []
-    found += [("Bodies", str(report.get("body_count", 0))), ("Frames", str(report.get("frame_count", 0)))]
+    measures, found = report.get("measures", {}), [("Bodies", str(report.get("body_count", 0)))]
+    # A pose has none, however many the bake took to it.
+    if collection.cairn.mode != "POSE":
+        found.append(("Frames", str(report.get("frame_count", 0))))
     event = "the Collapse" if "collapse_frame" in report else "It Was Disturbed"
     headings = {"shape_iou": f"Before {event}", "shape_iou_after": "At the End"}
     for name, title, form in FIGURES:

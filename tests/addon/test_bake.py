@@ -140,8 +140,7 @@ def test_the_end_of_a_bake_has_no_frames_in_which_nothing_is_seen(desk):
 def test_check_tells_what_a_bake_would_do(desk, addon):
     desk.add_stick()
     assert bpy.ops.cairn.check() == {"FINISHED"}
-    plan = addon("running").plan
-    assert 5 < plan["body_count"] < 100 and plan["step_count"] > 0
+    assert 5 < addon("estimates").bodies(desk.settings) < 100
 
 
 def test_a_button_scales_the_props_until_thin_parts_fill(desk, addon):
@@ -155,12 +154,12 @@ def test_a_button_scales_the_props_until_thin_parts_fill(desk, addon):
     desk.settings.control_mesh = trunk
     desk.add_stick(size=(0.24, 0.24, 0.24))
     assert bpy.ops.cairn.check() == {"FINISHED"}
-    plan, words = addon("running").plan, addon("action_panel")
+    plan, words, bodies = addon("running").plan, addon("action_panel"), addon("estimates").bodies
     scale = plan["fitting_scale"]
     assert 0.3 < scale < 0.95
     # Without unfolding anything, and with what the button costs.
     assert words.poor_fit(plan).startswith("2 parts of the shape ("), plan["thin"]
-    count = int(re.match(r"About (\d+) bodies instead of (\d+): ", words.cost_of_fit(plan))[1])
+    count = int(re.match(r"About (\d+) bodies instead of (\d+): ", words.cost_of_fit(scale, bodies(desk.settings)))[1])
     common = desk.settings.prop_common
     before = common.scale_min, common.scale_max
     assert bpy.ops.cairn.fit_props(scale=scale) == {"FINISHED"}
@@ -168,7 +167,7 @@ def test_a_button_scales_the_props_until_thin_parts_fill(desk, addon):
     assert bpy.ops.cairn.check() == {"FINISHED"}
     after = addon("running").plan
     assert not 0.0 < after["fitting_scale"] < 1.0 and "thin" not in words.poor_fit(after), "all of it is filled"
-    assert after["body_count"] == pytest.approx(count, rel=0.25)
+    assert bodies(desk.settings) == pytest.approx(count, rel=0.25)
 
 
 def test_check_tells_what_each_accuracy_costs(desk, addon, monkeypatch):
