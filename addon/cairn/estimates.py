@@ -53,10 +53,9 @@ def take(answer):
             * busy
             for estimate in plan.estimates
         },
-        # What else is expected of each: bodies, CPU seconds, and how far a sliding body is off.
+        # What else is expected of each: bodies, and CPU seconds.
         "others": {
-            names[estimate.accuracy]: (estimate.body_count, estimate.cpu_seconds, getattr(estimate, "speed_error", 0.0))
-            for estimate in plan.estimates
+            names[estimate.accuracy]: (estimate.body_count, estimate.cpu_seconds) for estimate in plan.estimates
         },
         "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},
     }

@@ -252,10 +252,9 @@ def draw_accuracies(layout, settings):
         elif settings.accuracy == "AUTO":
             # Across both columns: it would be cut.
             row.label(text=quality(preset_of(settings)))
-    lines = column.column()
-    lines.active = not running.plan_is_old
-    for text in others(preset_of(settings)):
-        lines.label(text=text)
+    line = column.column()
+    line.active = not running.plan_is_old
+    line.label(text=others(preset_of(settings)))
     if settings.accuracy == "AUTO":
         row = layout.row()
         row.prop(settings, "goal", expand=True)
@@ -263,12 +262,11 @@ def draw_accuracies(layout, settings):
 
 
 def others(accuracy):
-    """What else is expected of a quality, as lines; empty before it is known."""
+    """What else is expected of a quality, in one line; empty before it is known."""
     known = running.plan["others"].get(accuracy) if running.plan else None
     if not known:
-        return "", ""
-    bodies, seconds, speed = known
-    return f"{bodies} bodies, {max(seconds, 1):.0f} CPU s", f"Speed ±{speed:.1%}"
+        return ""
+    return f"{known[0]} bodies, {max(known[1], 1):.0f} CPU s"
 
 
 def quality(name):
