@@ -53,7 +53,7 @@ def draw(layout, context, settings):
         box = layout.box()
         box.label(text="Fix These Problems First")
         draw_sentences(box, context, problems())
-    elif running.plan:
+    elif running.plan and (running.plan["warnings"] or poor_fit(running.plan)):
         column = layout.column()
         column.active = not running.plan_is_old
         draw_fit(column, context, running.plan, estimates.bodies(settings))
