@@ -276,7 +276,7 @@ def quality(name):
 
 def expected(accuracy):
     """The time that a bake of an accuracy hardly ever exceeds, as a short text; empty before it is known."""
-    # The shortest that is expected is a seventh of it: a range would tell nothing.
+    # The shortest that is expected is a seventh of it: a range would say nothing.
     most = running.plan["times"].get(accuracy) if running.plan else None
     if not most:
         return ""

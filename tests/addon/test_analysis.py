@@ -132,23 +132,23 @@ def test_the_list_and_pull_out_say_the_same(stack, addon):
     assert "Pull Out also shows what their fall hits." in words and "cup" in words
     sources, out = list(stack.values()), list(stack).index("block")
 
-    def told(down, moved=(), **other):
+    def words_of(down, moved=(), **other):
         stack["block"][analysis.FIGURES] = json.dumps({"standing": "stands", "removal": {**removal, **other}})
         number = list(stack).index
         removed = {"body": out, "came_down": [number(name) for name in down]}
         removed["moved"] = [(number(name), 0.1) for name in (*down, *moved)]
         return said(sources, {"removals": [removed]}).partition(" is out: ")[2]
 
-    assert told(["board", "cup"]) == "board, cup came down, as the analysis says"
-    assert told(["board", "cup", "table"]).endswith("; table came down besides, hit or pulled along")
-    assert told(["board"], ["cup"]).endswith("; cup began to fall and found a hold")
-    assert told(["board"]).endswith("; cup stayed, although no forces were found that hold it")
+    assert words_of(["board", "cup"]) == "board, cup came down, as the analysis says"
+    assert words_of(["board", "cup", "table"]).endswith("; table came down besides, hit or pulled along")
+    assert words_of(["board"], ["cup"]).endswith("; cup began to fall and found a hold")
+    assert words_of(["board"]).endswith("; cup stayed, although no forces were found that hold it")
     loose = {**analysis.figures(stack["table"]), "standing": "falls_alone"}
     stack["table"][analysis.FIGURES] = json.dumps(loose)
-    assert told(["board", "cup", "table"]).endswith("; table came down, as without Pull Out")
+    assert words_of(["board", "cup", "table"]).endswith("; table came down, as without Pull Out")
     safe = {"moving": [], "on_these": [], "is_safe": True}
-    assert told([], **safe) == "the others stand, as the analysis says"
-    assert told(["cup"], **safe) == "cup came down; the analysis says that all could stand"
+    assert words_of([], **safe) == "the others stand, as the analysis says"
+    assert words_of(["cup"], **safe) == "cup came down; the analysis says that all could stand"
     assert analysis.listed(list("abcdefghij")) == "a, b, c, d, e, f, g, h and 2 more"
 
 
