@@ -33,6 +33,8 @@ LOADS = [(0.06, 0.0, 0.09, 1), (0.04, 0.09, 0.26, 1), (0.02, 0.28, 0.26, 1), (0.
 MARGINS = [RED, YELLOW, GREEN]
 # The largest push that is looked for, in weights.
 MOST_PUSH = 10.0
+# Names in a sentence.
+MOST_NAMES = 8
 # A push of this share of its weight is a large margin.
 LARGE = 0.5
 
@@ -148,12 +150,17 @@ def keep(sources, answers):
     """Writes the figures of each body to its object, with names in place of numbers."""
     names = [source.name for source in sources]
     most = max((body["load"] for body in answers["bodies"]), default=0.0)
-    for source, body in zip(sources, answers["bodies"], strict=True):
+    for number, (source, body) in enumerate(zip(sources, answers["bodies"], strict=True)):
         body = {**body, "name": source.name, "share": body["load"] / most if most else 0.0}
         for key in ("carries", "rests_on_it"):
-            body[key] = [names[number] for number in body[key]]
+            body[key] = [names[other] for other in body[key]]
         if body["removal"]:
-            body["removal"]["moving"] = [names[number] for number in body["removal"]["moving"]]
+            moving = body["removal"]["moving"]
+            # What begins to fall takes along what rests on it.
+            on_these = {other for one in moving for other in answers["bodies"][one]["rests_on_it"]}
+            on_these -= {*moving, number}
+            body["removal"]["moving"] = [names[other] for other in moving]
+            body["removal"]["on_these"] = [names[other] for other in sorted(on_these)]
         source[FIGURES] = json.dumps(body)
 
 
@@ -239,7 +246,7 @@ def summary(sources, answers):
         source.name for source, body in zip(sources, answers["bodies"], strict=True) if "falls" in body["standing"]
     ]
     if falling:
-        return f"{len(falling)} of {len(sources)} objects fall: {', '.join(falling[:5])}"
+        return f"{len(falling)} of {len(sources)} objects fall: {listed(falling)}"
     safe = sum(bool(body["removal"] and body["removal"]["is_safe"]) for body in answers["bodies"])
     tilt = answers["whole"]["tilt"][1] if answers["whole"] else 0.0
     return f"All {len(sources)} objects stand; {safe} may be removed; they go at a tilt of {tilt:.1f}°"
@@ -308,7 +315,7 @@ def lines(body):
     if not falls:
         found.append(f"It carries {body['load']:.3g} N, {body['load_in_weights']:.2f} of its weight.")
     if body["rests_on_it"]:
-        found.append(f"On it: {', '.join(body['rests_on_it'][:8])}.")
+        found.append(f"On it: {listed(body['rests_on_it'])}.")
     push = None if falls else body["least_push"]
     if push is not None and push < MOST_PUSH:
         found.append(f"A push of {push:.2f} of its weight moves it; its neighbors held.")
@@ -320,8 +327,17 @@ def lines(body):
     elif removal and removal["is_open"]:
         found.append("Whether the others stand without it is not proven.")
     elif removal:
-        found.append(f"Without it, these begin to fall: {', '.join(removal['moving'][:8])}.")
+        found.append(f"Without it, these begin to fall: {listed(removal['moving'])}.")
+        if removal.get("on_these"):
+            found.append(f"What rests on these follows: {listed(removal['on_these'])}.")
+        found.append("Pull Out also shows what their fall hits.")
     return found
+
+
+def listed(names):
+    """Names in a sentence, not too many."""
+    more = len(names) - MOST_NAMES
+    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 CLASSES = [CAIRN_OT_analyze, CAIRN_OT_clear_analysis, CAIRN_PT_analysis]

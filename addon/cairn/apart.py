@@ -17,6 +17,8 @@ from .placed import is_animated
 
 # Objects that are made: one for each dot of glue.
 DOTS = "Needed Glue"
+# Their radius, relative to the extent of all that was analyzed: a view that shows all of it shows them.
+DOT_SIZE = 0.02
 # An object that moves less than this share of its size is not keyed.
 STILL = 0.005
 
@@ -93,16 +95,28 @@ def play(context, sources, poses, frames):
 
 
 def said(sources, report):
-    """What happened, beside what statics had said."""
+    """What happened, beside what the analysis says of the same object."""
     removed = report["removals"][0]
-    names = [sources[number].name for number, _ in removed["moved"]]
-    fell = [sources[number].name for number in removed["came_down"]]
-    forecast = removed["forecast"]
-    safe = "not proven safe" if forecast is None or not forecast["is_safe"] else "proven safe"
-    if fell:
-        return f"“{sources[removed['body']].name}” ({safe}): {', '.join(fell[:5])} came down"
-    moved = f"{', '.join(names[:5])} moved a little" if names else "nothing else moved"
-    return f"“{sources[removed['body']].name}” ({safe}): {moved}"
+    source, names = sources[removed["body"]], [other.name for other in sources]
+    forecast = analysis.figures(source)["removal"] or {}
+    expected = [*forecast.get("moving", ()), *forecast.get("on_these", ())]
+    fell = [names[number] for number in removed["came_down"] if sources[number] != source]
+    moved = [names[number] for number, _ in removed["moved"] if names[number] not in [*fell, source.name]]
+    loose = [one.name for one in sources if analysis.figures(one)["standing"].startswith("falls")]
+    other = "came down besides, hit or pulled along" if expected else "came down"
+    parts = []
+    for which, words in (
+        ([name for name in fell if name in expected], "came down, as the analysis says"),
+        ([name for name in fell if name not in expected + loose], other),
+        ([name for name in fell if name in loose], "came down, as without Pull Out"),
+        ([name for name in expected if name in moved], "began to fall and found a hold"),
+        ([name for name in moved if name not in expected], "moved a little"),
+        ([name for name in expected if name not in fell + moved], "stayed, although no forces were found that hold it"),
+    ):
+        parts += [f"{analysis.listed(which)} {words}"] if which else []
+    if forecast.get("is_safe"):
+        parts.append("the analysis says that all could stand" if fell else "the others stand, as the analysis says")
+    return f"“{source.name}” is out: {'; '.join(parts) or 'nothing else moved'}"
 
 
 class CAIRN_OT_pull_out(Operator):
@@ -222,12 +236,14 @@ def mark(context, dots):
         context.scene.collection.children.link(collection)
     for old in list(collection.objects):
         bpy.data.objects.remove(old)
+    analyzed = analysis.analysed(context.scene)
+    corners = [source.matrix_world @ Vector(corner) for source in analyzed for corner in source.bound_box]
+    size = DOT_SIZE * float(np.linalg.norm(np.ptp(corners or [Vector()], axis=0)))
     for dot in dots:
         other = dot["other"] or "ground"
         empty = bpy.data.objects.new(f"{dot['body']} – {other}", None)
         empty.empty_display_type = "SPHERE"
-        body = context.scene.objects.get(dot["body"])
-        empty.empty_display_size = 0.05 * max(body.dimensions) if body else 0.02
+        empty.empty_display_size, empty.show_in_front = size, True
         empty.location = axes.points_to_blender(np.array(dot["point"]), export.metres(context.scene))
         empty["force_newton"] = dot["force"]
         collection.objects.link(empty)

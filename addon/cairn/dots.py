@@ -48,7 +48,8 @@ def remembered(job, report, metres):
                 "other": dot["other"],
                 "at": [round(float(value), 6) for value in at],
                 "load": round(force / weight, 4) if weight else 0.0,
-                "broken": dot["is_broken"],
+                # A collapse ends all glue: that is not for its load.
+                "broken": dot["is_broken"] and not report.get("collapse"),
             }
         )
     return sorted(made, key=lambda dot: -dot["load"])

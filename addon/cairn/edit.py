@@ -203,8 +203,8 @@ def _grown(points, triangles, reach):
 
 def _partners(collection):
     """The bodies that each body is glued to, by number."""
-    found = {}
-    for dot in running.report_of(collection).get("dots", ()):
+    found, report = {}, running.report_of(collection)
+    for dot in () if "collapse_frame" in report else report.get("dots", ()):
         ends = [number_of(collection, body) for body in (dot["body"], dot["other"])]
         if None not in ends and not dot["broken"]:
             for one, other in (ends, ends[::-1]):
@@ -393,7 +393,9 @@ def applied(context, collection, objects, free, motion, recipe, record):
 
 
 def _dots_that_stay(collection, dots, loose):
-    """Dots between bodies that did not move."""
+    """Dots between bodies that did not move. After a collapse there are none."""
+    if "collapse_frame" in running.report_of(collection):
+        return []
     here = {body.cairn.number for body in belongings.bodies(collection)} - loose
     ends = [[number_of(collection, body) for body in (dot["body"], dot["other"])] for dot in dots]
     return [dot for dot, own in zip(dots, ends) if all(number is None or number in here for number in own)]

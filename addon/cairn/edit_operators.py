@@ -49,9 +49,8 @@ class CAIRN_OT_edit_pile(Operator):
     def execute(self, context):
         collection = result.chosen(context)
         if collection.cairn.mode == "POINTS":
-            text = "Instanced points have no bodies to select. To edit this pile, bake it as Animated Objects or as "
-            "Final Pose."
-            return explain(self, Fault(text))
+            remedy = "To edit this pile, bake it as Animated Objects or as Final Pose."
+            return explain(self, Fault(f"Instanced points have no bodies to select. {remedy}"))
         edit.still_copy(context.scene, collection)
         return {"FINISHED"}
 

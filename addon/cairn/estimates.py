@@ -19,8 +19,8 @@ PAUSE = 0.02
 
 _seen_at = 0.0
 _answer = _slices = None
-# The scene at the last check, and at the last request.
-_before = _asked = None
+# The scene at the last check, at the last request, and the one that the figures are of.
+_before = _asked = _planned = None
 # The scene and the shape that figures and problems are of, by name.
 _subject = None
 # Whether the scene is too large to be read for estimates.
@@ -29,36 +29,49 @@ is_too_much = False
 
 def take(answer):
     """Takes the answer about a plan for the panel."""
-    running.plan_is_old = False
+    global _planned
+    running.plan_is_old, _planned = False, _asked
     plan, names, busy = answer.plan, running.accuracy_names(), waiting()
     running.plan = {
         # The preset that the bake would have; with the automatic quality, the server has chosen it.
         "accuracy": names[answer.effective_scene.accuracy],
-        "body_count": plan.expected_body_count,
-        "step_count": plan.expected_step_count,
         "warnings": list(plan.warnings),
-        # How many times as large props fill the thin parts of the shape, too; 0 where no size is known.
+        # The parts of the shape that are too thin for the props: how many, and their share of its volume.
+        "thin": (len(plan.thin_parts), sum(part.volume_share for part in plan.thin_parts)),
+        # How many times as large props fill these parts, too; 0 where no size is known.
         "fitting_scale": getattr(plan, "fitting_scale", 0.0),
         # The match with the shape that is expected; 0 where it is not known.
         "match": getattr(plan, "expected_match", 0.0),
-        "effects": [(effect.name, effect.on, effect.reason) for effect in plan.effects],
         "dots": {names[estimate.accuracy]: getattr(estimate, "glue_dots", 0.0) for estimate in plan.estimates},
         "kept": {
             names[estimate.accuracy]: (estimate.kept_shape_low, estimate.kept_shape_high) for estimate in plan.estimates
         },
-        # The time that nine of ten bakes take, from and to, s. Beside other work they may take longer.
+        # The time that nine of ten bakes do not exceed, s. Beside other work they may take longer.
         "times": {
-            names[estimate.accuracy]: (seconds / estimate.factor, seconds * estimate.factor * busy)
+            names[estimate.accuracy]: (getattr(estimate, "wall_seconds", 0.0) or estimate.cpu_seconds)
+            * estimate.factor
+            * busy
             for estimate in plan.estimates
-            for seconds in (getattr(estimate, "wall_seconds", 0.0) or estimate.cpu_seconds,)
         },
-        # What else is expected of each: bodies, CPU seconds, and how far a sliding body is off.
+        # What else is expected of each: bodies, and CPU seconds.
         "others": {
-            names[estimate.accuracy]: (estimate.body_count, estimate.cpu_seconds, getattr(estimate, "speed_error", 0.0))
-            for estimate in plan.estimates
+            names[estimate.accuracy]: (estimate.body_count, estimate.cpu_seconds) for estimate in plan.estimates
         },
         "overlaps": {names[estimate.accuracy]: getattr(estimate, "overlap", 0.0) for estimate in plan.estimates},
     }
+
+
+def preset_of(settings):
+    """The chosen quality; of the automatic one, the preset that the server has chosen, or none yet."""
+    if settings.accuracy != "AUTO":
+        return settings.accuracy
+    return running.plan["accuracy"] if running.plan else ""
+
+
+def bodies(settings):
+    """The expected number of bodies, of the chosen quality; 0 before it is known."""
+    known = running.plan["others"].get(preset_of(settings)) if running.plan else None
+    return known[0] if known else 0
 
 
 def waiting():
@@ -82,11 +95,17 @@ def shown(context):
     if _subject not in (None, subject_of(context.scene)):
         # Figures and problems go with their shape.
         running.plan, running.problems, _subject = None, [], subject_of(context.scene)
-    chosen = preferences.of(context)
-    # A scene is sent to another computer only on request.
-    may_ask = chosen.server == "LOCAL" and chosen.estimates
-    if may_ask and not bpy.app.background and not bpy.app.timers.is_registered(_look):
+    if bpy.app.background or bpy.app.timers.is_registered(_look):
+        return
+    # Figures that were asked for by the button become old, too.
+    if may_ask(context) or running.plan:
         bpy.app.timers.register(_look, first_interval=TICK)
+
+
+def may_ask(context):
+    """Whether the add-on asks by itself. A scene is sent to another computer only on request."""
+    chosen = preferences.of(context)
+    return chosen.server == "LOCAL" and chosen.estimates
 
 
 def asked(context):
@@ -96,8 +115,8 @@ def asked(context):
 
 
 def _look():
-    """The timer: takes an answer, reads the next part, or starts a request."""
-    global _before, _asked, _subject, _answer, is_too_much
+    """The timer: takes an answer, reads the next part, or starts a request. Figures of another scene become old."""
+    global _before, _asked, _planned, _subject, _answer, is_too_much
     # What was begun is ended: nothing would call it again until the panel is drawn the next time.
     if time.monotonic() - _seen_at > SEEN and _answer is None and _slices is None:
         return None
@@ -105,19 +124,27 @@ def _look():
         _read_on()
         return PAUSE
     context = bpy.context
+    if running.bake is not None:
+        return TICK
+    now = fingerprint.of(context.scene)
+    if context.mode != "OBJECT":
+        # What is edited there is not seen.
+        _asked = _planned = ""
+    is_old = now != _planned
+    if running.plan and running.plan_is_old != is_old:
+        running.plan_is_old = is_old
+        preview.redraw(context, "UI")
     if _answer is not None:
         if _answer.done():
             answer, _answer = _answer, None
             _receive(answer)
-        elif fingerprint.of(context.scene) != _asked:
+        elif now != _asked:
             _give_up()
         return TICK
-    if running.bake is not None or context.mode != "OBJECT" or request.missing(context.scene.cairn):
+    if context.mode != "OBJECT" or request.missing(context.scene.cairn) or not may_ask(context):
         return TICK
-    now = fingerprint.of(context.scene)
     is_too_much = now is None
     if now != _asked:
-        running.plan_is_old = True
         if now is None:
             # Old figures would stay forever.
             running.plan = None
@@ -169,8 +196,7 @@ def _receive(answer):
 def stand_aside(scene):
     """Called when a bake begins: stops requests that would keep the server busy, and marks estimates of another scene
     as old."""
-    if _asked != fingerprint.of(scene):
-        running.plan_is_old = True
+    running.plan_is_old = _planned != fingerprint.of(scene)
     _give_up()
 
 
@@ -184,8 +210,8 @@ def _give_up():
 
 def forget():
     """Called when another file is opened or the add-on ends."""
-    global _before, _asked, _subject
+    global _before, _asked, _planned, _subject
     _give_up()
-    _before = _asked = _subject = None
+    _before = _asked = _planned = _subject = None
     if bpy.app.timers.is_registered(_look):
         bpy.app.timers.unregister(_look)

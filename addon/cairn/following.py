@@ -118,9 +118,11 @@ class Follows:
                 return {"PASS_THROUGH"} if is_free or may_press else {"RUNNING_MODAL"}
             try:
                 return self._tick(context, bake)
-            except Exception:
+            except Exception as error:
                 running.end()
                 self._leave(context, None)
+                if isinstance(error, ReferenceError):
+                    raise Fault("An undo took away what was being made. Press the button again.") from error
                 raise
         return {"CANCELLED"}
 
@@ -195,16 +197,12 @@ class Follows:
         return {"RUNNING_MODAL"}
 
     def _end(self, context, bake):
+        # A fault, if it was undone between two ticks of the timer.
+        mode = self.made.cairn.mode
         running.bake = None
         self._leave(context, None)
         if not bake.end:
             running.wait_for_report(bake)
-        try:
-            mode = self.made.cairn.mode
-        except ReferenceError:
-            # Undone between two ticks of the timer.
-            self.report({"INFO"}, "The pile was undone. Redo brings it back")
-            return {"CANCELLED"}
         if mode != "POSE":
             # Where the preview was.
             context.scene.frame_set(timing.end_of(self.made))

@@ -68,6 +68,16 @@ def _of_points(collection):
     return where
 
 
+def has_ended(collection):
+    """Whether a collapse has ended the glue at the current frame."""
+    frame = running.report_of(collection).get("collapse_frame")
+    if frame is None:
+        return False
+    scene = bpy.context.scene
+    is_still = not collection.cairn.frame_count or collection.cairn.mode == "POSE"
+    return is_still or timing.number_at(collection, scene.frame_current + scene.frame_subframe) >= frame
+
+
 class _Drawn:
     """The dots' balls, rebuilt after a body has moved."""
 
@@ -79,14 +89,14 @@ class _Drawn:
         dots = dots_of(collection) if collection else []
         if not dots or collection.hide_viewport:
             return
-        where = places(collection)
-        key = collection.name, where.tobytes()
+        where, is_over = places(collection), has_ended(collection)
+        key = collection.name, where.tobytes(), is_over
         if key != self.key:
-            self.key, self.batch = key, self._made(collection, dots, where)
+            self.key, self.batch = key, self._made(collection, dots, where, is_over)
         if self.batch:
             preview.draw_in_front(self.batch)
 
-    def _made(self, collection, dots, where):
+    def _made(self, collection, dots, where, is_over):
         if self.ball is None:
             self.ball = _ball()
         here = np.isfinite(where).all(axis=1)
@@ -94,11 +104,13 @@ class _Drawn:
             return None
         metres = running.recipe_of(collection).get("metres", 1.0)
         size = SIZE * running.report_of(collection)["measures"]["prop_diameter"] / metres
-        tints = np.array([BROKEN if dot["broken"] else glued.COLORS[glued.level(dot["load"])] for dot in dots])
+        tints = np.array(
+            [BROKEN if is_over or dot["broken"] else glued.COLORS[glued.level(dot["load"])] for dot in dots]
+        )
         vertices = (where[here][:, None] + size * self.ball.points).reshape(-1, 3)
         shade = preview.shades(self.ball.normals)
         colors = np.ones((len(vertices), 4), np.float32)
-        colors[:, :3] = (shade[None, :, None] * tints[here][:, None]).reshape(-1, 3)
+        colors[:, :3] = (shade[None, :, None] * np.array(tints)[here][:, None]).reshape(-1, 3)
         starts = len(self.ball.points) * np.arange(here.sum())
         faces = (starts[:, None, None] + self.ball.triangles).reshape(-1, 3)
         return preview.batch_of(vertices, colors, faces)

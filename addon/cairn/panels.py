@@ -5,6 +5,7 @@ import math
 from bpy.types import Panel, UIList
 
 from . import action_panel, arrangement, estimates, preferences, presets, request, running, starters
+from .estimates import bodies, preset_of
 from .export import SOLID
 from .following import is_running
 from .layouts import signs_of, wrapped
@@ -13,8 +14,6 @@ from .schema import ACCURACIES, knows
 
 # Width of a quality's button, of the panel's.
 BUTTON = 0.4
-# A match below it is poor, and not known better before the bake.
-LEAST_KNOWN = 0.6
 # A range of the shape that is kept says nothing beyond this width: piles differ too much.
 WIDE = 0.25
 
@@ -144,8 +143,8 @@ def effect_of(settings):
     if settings.kept_shape == "TACKY":
         return [*lines, "Bodies that need more fall"]
     dots = known["dots"].get(preset_of(settings), 0.0)
-    # The range that the plan states.
-    return [*lines, f"About {math.ceil(dots / 4)} to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
+    # The plan's range begins at an eighth of this, which would leave it open.
+    return [*lines, f"Up to {math.ceil(2 * dots)} dots of glue"] if dots >= 1 else lines
 
 
 def draw_container(layout, settings):
@@ -191,7 +190,7 @@ def draw_sizes(layout, settings):
         size.prop(item, "scale_max", text="Max")
     if len(request.props_of(settings)) > 1:
         layout.prop(settings, "weigh_by")
-    count = running.plan["body_count"] if running.plan else 0
+    count = bodies(settings)
     value = draw_switch(layout, settings.fill, "count", "Count")
     if value.active:
         value.prop(settings.fill, "count", text="")
@@ -201,9 +200,7 @@ def draw_sizes(layout, settings):
         if share > 0.0:
             row = layout.row()
             row.active = not running.plan_is_old
-            # What is that poor is not known better.
-            how = "about" if share >= LEAST_KNOWN else "less than"
-            row.label(text=f"Will match {how} {max(share, LEAST_KNOWN):.0%}")
+            row.label(text=f"Match as filled: {action_panel.matching(share)}")
     if settings.prop_source == "COLLECTION":
         row = layout.row()
         row.use_property_split = False
@@ -253,7 +250,8 @@ def draw_accuracies(layout, settings):
             costs.label(text=expected(name))
             costs.label(text=overlap(name))
         elif settings.accuracy == "AUTO":
-            costs.label(text=quality(preset_of(settings)))
+            # Across both columns: it would be cut.
+            row.label(text=quality(preset_of(settings)))
     line = column.column()
     line.active = not running.plan_is_old
     line.label(text=others(preset_of(settings)))
@@ -265,18 +263,10 @@ def draw_accuracies(layout, settings):
 
 def others(accuracy):
     """What else is expected of a quality, in one line; empty before it is known."""
-    known = running.plan.get("others", {}).get(accuracy) if running.plan else None
+    known = running.plan["others"].get(accuracy) if running.plan else None
     if not known:
         return ""
-    bodies, seconds, speed = known
-    return f"{bodies} bodies, {max(seconds, 1):.0f} CPU s, speed ±{speed:.1%}"
-
-
-def preset_of(settings):
-    """The chosen quality; of the automatic one, the preset that the server has chosen, or none yet."""
-    if settings.accuracy != "AUTO":
-        return settings.accuracy
-    return running.plan["accuracy"] if running.plan else ""
+    return f"{known[0]} bodies, {max(known[1], 1):.0f} CPU s"
 
 
 def quality(name):
@@ -285,20 +275,16 @@ def quality(name):
 
 
 def expected(accuracy):
-    """The expected time of an accuracy, as a short text; empty before it is known."""
-    times = running.plan["times"].get(accuracy) if running.plan else None
-    if not times:
+    """The time that a bake of an accuracy hardly ever exceeds, as a short text; empty before it is known."""
+    # The shortest that is expected is a seventh of it: a range would say nothing.
+    most = running.plan["times"].get(accuracy) if running.plan else None
+    if not most:
         return ""
-    # Nine of ten bakes take a time between these.
-    (low, high), unit = times, "s"
+    unit = "s"
     for larger in ("min", "h"):
-        if high >= 90:
-            low, high, unit = low / 60, high / 60, larger
-    if high < 1:
-        return f"<1 {unit}"
-    # More digits would suggest too much precision.
-    low, high = (f"{float(f'{value:.2g}'):g}" if value >= 10 else f"{value:.0f}" for value in (low, high))
-    return f"{low}–{high} {unit}" if low != high else f"{low} {unit}"
+        if most >= 90:
+            most, unit = most / 60, larger
+    return f"<{math.ceil(most)} {unit}"
 
 
 def overlap(accuracy):

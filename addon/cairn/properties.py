@@ -325,8 +325,8 @@ class CairnSettings(PropertyGroup):
     )
     accuracy: EnumProperty(
         name="Simulation Quality",
-        description="Accuracy of the simulation. Beside each are the expected time of a bake and the size of visible "
-        "overlaps between bodies",
+        description="Accuracy of the simulation. Beside each are the time that nine of ten bakes stay below and "
+        "the size of visible overlaps between bodies",
         items=ACCURACIES,
         default="STANDARD",
     )

@@ -10,8 +10,10 @@ from .panels import Pile
 # Figures of the report, by their names there: what the panel calls them, and how they are shown.
 FIGURES = [
     # With the shape as it was drawn, in its place: kept is only what the release left of the match before it.
-    ("shape_iou", "Match with the Shape", "{:.1%}"),
+    ("shape_iou", "Shape Match", "{:.1%}"),
     ("kept_shape", "Kept Shape", "{:.1%}"),
+    # Only where something disturbed the pile once it rested.
+    ("shape_iou_after", "Shape Match", "{:.1%}"),
     ("at_rest_fraction", "At Rest", "{:.1%}"),
     ("unsupported_fraction", "Unsupported", "{:.1%}"),
     # Of the meshes, where bodies meet: 95 of 100 are smaller.
@@ -85,19 +87,11 @@ class CAIRN_PT_report(Pile, Panel):
         elif any(made.job.bake_id == report["bake_id"] for made in running.measuring):
             layout.label(text="Measuring…", icon="TIME")
         column = layout.column(align=True)
-        frames = report.get("frame_count", 0)
-        draw_figure(column, "Bodies", str(report.get("body_count", 0)))
-        draw_figure(column, "Frames", str(frames))
-        for name, title, form in FIGURES:
-            value = report.get("measures", {}).get(name)
-            if value is not None:
-                # A pile that settles into its shape measures a little more than all of it.
-                value = min(value, 1.0) if name == "kept_shape" else value
-                draw_figure(column, title, form(value) if callable(form) else form.format(value))
-        if report.get("accuracy"):
-            draw_figure(column, "Quality", panels.quality(report["accuracy"]))
-        if "seconds" in report:
-            draw_figure(column, "Time", running.duration(report["seconds"]))
+        for title, text in figures_of(collection):
+            if text:
+                draw_figure(column, title, text)
+            else:
+                column.label(text=title)
         draw_shares(layout, collection)
         glue = running.glue_of(report)
         if glue:
@@ -116,6 +110,29 @@ class CAIRN_PT_report(Pile, Panel):
         row = layout.row(align=True)
         row.operator("cairn.restore_settings", icon="FILE_REFRESH").collection = collection.name
         row.operator("cairn.delete", text="", icon="TRASH").collection = collection.name
+
+
+def figures_of(collection):
+    """The figures of a pile: pairs of a title and a text, which a heading has not."""
+    report = running.report_of(collection)
+    measures, found = report.get("measures", {}), [("Bodies", str(report.get("body_count", 0)))]
+    # A pose has none, however many the bake took to it.
+    if collection.cairn.mode != "POSE":
+        found.append(("Frames", str(report.get("frame_count", 0))))
+    event = "the Collapse" if "collapse_frame" in report else "It Was Disturbed"
+    headings = {"shape_iou": f"Before {event}", "shape_iou_after": "At the End"}
+    for name, title, form in FIGURES:
+        value = measures.get(name)
+        if value is not None:
+            # A pile that settles into its shape measures a little more than all of it.
+            value = min(value, 1.0) if name == "kept_shape" else value
+            found += [(headings[name], "")] if name in headings and "shape_iou_after" in measures else []
+            found.append((title, form(value) if callable(form) else form.format(value)))
+    if report.get("accuracy"):
+        found.append(("Quality", panels.quality(report["accuracy"])))
+    if "seconds" in report:
+        found.append(("Time", running.duration(report["seconds"])))
+    return found
 
 
 def changed_since(scene, collection):
@@ -169,7 +186,9 @@ class CAIRN_PT_holds(Pile, Panel):
         layout.prop(manager, "cairn_loads")
         if states.is_by_load:
             draw_shading(layout, context)
-        wrapped(layout, context, "Bodies that a dot of glue joins, and its load in weights of a typical prop:")
+        collapses = "collapse_frame" in running.report_of(collection)
+        when = " before the collapse, which ends all glue" if collapses else ""
+        wrapped(layout, context, f"Bodies that a dot of glue joins, and its load in weights of a typical prop{when}:")
         column = layout.column(align=True)
         for number, dot in enumerate(listed[:LISTED]):
             names = [_called(collection, body) for body in (dot["body"], dot["other"])]

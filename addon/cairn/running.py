@@ -247,6 +247,8 @@ class Bake:
                 seconds=round(time.monotonic() - self.began, 3),
                 dots=dots.remembered(self.job, self.job.report, self.recipe["metres"]),
             )
+            if self.job.report.get("collapse"):
+                record["collapse_frame"] = self.job.report["collapse"]["frame"]
         else:
             bodies = len(self.recording.props) if self.frame_count else int(self.latest.present.sum())
             record.update(body_count=bodies, frame_count=self.frame_count)
@@ -305,7 +307,10 @@ def glue_of(report):
         dots_hold = "1 dot holds" if anchors == 1 else f"{anchors} dots hold"
         sentences.append(f"{dots_hold} the pile to the ground or to scenery.")
     broken = counts.get("glue_dots_broken", 0)
-    if broken:
+    if "collapse_frame" in report:
+        # It ended all glue.
+        sentences.insert(0, "Before the collapse:")
+    elif broken:
         sentences.append(f"{broken} broke.")
     return " ".join(sentences)
 

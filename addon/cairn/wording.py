@@ -54,7 +54,7 @@ OTHERS = [
     (re.compile(r"\badd statics or kept bodies\b"), "choose colliders"),
     (re.compile(r" \(ground_height\)"), ""),
     (re.compile(r"\bleave ground_height out\b"), f"untick “Height” {GROUND}"),
-    (re.compile(r"\bshape_iou\b"), "“Match with the Shape”"),
+    (re.compile(r"\bshape_iou\b"), "“Shape Match”"),
     (re.compile(r"\baccuracy (?=[a-z])"), "quality "),
     (re.compile(r"smaller props reach farther \(`cairn plan` names a size\)"), "smaller props reach farther"),
     (re.compile(r"\bcontrol[ _]mesh\b"), "shape"),

@@ -1,5 +1,6 @@
 """What holds what: the selected objects as bodies, their colors, and what the panel says."""
 
+import json
 from types import SimpleNamespace
 
 import bpy
@@ -102,7 +103,10 @@ def test_pull_out(stack, addon):
     bpy.context.scene.frame_set(10)
     assert not bpy.ops.cairn.pull_out.poll(), "nothing is analyzed"
     assert bpy.ops.cairn.analyze(shown="REMOVAL") == {"FINISHED"}
-    assert bpy.ops.cairn.pull_out() == {"FINISHED"}
+    said = []
+    made = SimpleNamespace(report=lambda _, text: said.append(text))
+    assert addon("apart").CAIRN_OT_pull_out.execute(made, bpy.context) == {"FINISHED"}
+    assert said == ["“block” is out: board came down, as the analysis says"]
     assert stack["table"].animation_data is None, "it stands still"
     scene = bpy.context.scene
     scene.frame_set(10)
@@ -114,6 +118,38 @@ def test_pull_out(stack, addon):
     assert tuple(stack["board"].matrix_world.to_scale()) == pytest.approx((1, 1, 1), rel=1e-4)
     with pytest.raises(RuntimeError, match="is animated"):
         bpy.ops.cairn.pull_out()
+
+
+@once
+def test_the_list_and_pull_out_say_the_same(stack, addon):
+    analysis, said = addon("analysis"), addon("apart").said
+    stack["cup"] = cuboid("cup", (0.1, 0.1, 0.1), location=(0.9, 0, 1.1))
+    stack["cup"].select_set(True)
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    removal = analysis.figures(stack["block"])["removal"]
+    assert sorted([*removal["moving"], *removal["on_these"]]) == ["board", "cup"]
+    words = " ".join(analysis.lines(analysis.figures(stack["block"])))
+    assert "Pull Out also shows what their fall hits." in words and "cup" in words
+    sources, out = list(stack.values()), list(stack).index("block")
+
+    def words_of(down, moved=(), **other):
+        stack["block"][analysis.FIGURES] = json.dumps({"standing": "stands", "removal": {**removal, **other}})
+        number = list(stack).index
+        removed = {"body": out, "came_down": [number(name) for name in down]}
+        removed["moved"] = [(number(name), 0.1) for name in (*down, *moved)]
+        return said(sources, {"removals": [removed]}).partition(" is out: ")[2]
+
+    assert words_of(["board", "cup"]) == "board, cup came down, as the analysis says"
+    assert words_of(["board", "cup", "table"]).endswith("; table came down besides, hit or pulled along")
+    assert words_of(["board"], ["cup"]).endswith("; cup began to fall and found a hold")
+    assert words_of(["board"]).endswith("; cup stayed, although no forces were found that hold it")
+    loose = {**analysis.figures(stack["table"]), "standing": "falls_alone"}
+    stack["table"][analysis.FIGURES] = json.dumps(loose)
+    assert words_of(["board", "cup", "table"]).endswith("; table came down, as without Pull Out")
+    safe = {"moving": [], "on_these": [], "is_safe": True}
+    assert words_of([], **safe) == "the others stand, as the analysis says"
+    assert words_of(["cup"], **safe) == "cup came down; the analysis says that all could stand"
+    assert analysis.listed(list("abcdefghij")) == "a, b, c, d, e, f, g, h and 2 more"
 
 
 @once
@@ -187,6 +223,8 @@ def test_what_falls_is_marked(stack, addon):
     (dot,) = bpy.data.collections[addon("apart").DOTS].objects
     assert dot.name == "table – board" and dot["force_newton"] > 0
     assert dot.location.z == pytest.approx(1.0, abs=0.01)
+    # A view of all of it shows it: some 1.5 m, in 600 pixels.
+    assert dot.show_in_front and 0.02 < dot.empty_display_size < 0.05
     assert bpy.ops.cairn.make_it_stand() == {"FINISHED"}
     assert len(bpy.data.collections[addon("apart").DOTS].objects) == 1, "not once more"
 

@@ -1,6 +1,7 @@
 """Each fault is reported with its remedy; a stopped bake leaves nothing behind; a bake that runs on is found again."""
 
 import time
+from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -241,6 +242,36 @@ def test_the_pile_is_there_before_its_figures(desk, addon):
     assert report["measures"]["shape_iou"] > 0.5
     # None was late.
     assert report["frame_count"] == len(motion.positions)
+
+
+@pytest.mark.parametrize("is_made", [False, True])
+def test_an_undo_between_two_ticks_of_the_writer_is_told(desk, addon, monkeypatch, is_made):
+    desk.add_stick()
+    for message in ("before", "seen"):
+        bpy.ops.ed.undo_push(message=message)
+    before, following, running, said = names(), addon("following"), addon("running"), []
+    # A few bodies in each tick.
+    monkeypatch.setattr(following, "SLICE", 1e-5)
+    bake = start(desk, addon, accuracy="DRAFT", seed=43)
+    wait(bake, lambda: bake.end)
+
+    class Operator(following.Follows):
+        workspace = SimpleNamespace(status_text_set=lambda _: None)
+
+        def report(self, kind, text):
+            said.append((kind, text))
+
+    operator, tick = Operator(), SimpleNamespace(type="TIMER", value="NOTHING")
+    while not (operator.made if is_made else bake.written):
+        assert operator.modal(bpy.context, tick) == {"RUNNING_MODAL"}
+    assert names() != before
+    bpy.ops.ed.undo()
+    while operator.modal(bpy.context, tick) != {"CANCELLED"}:
+        assert operator.writer
+    assert said == [({"ERROR"}, "An undo took away what was being made. Press the button again.")]
+    assert running.bake is None and not running.measuring and names() == before
+    # The server still has the result.
+    assert bpy.ops.cairn.bake() == {"FINISHED"} and len(bodies_of(bpy.data.collections["Heap Pile"])) > 0
 
 
 def test_a_pile_that_rests_enough_is_the_result(desk, addon):

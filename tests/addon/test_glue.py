@@ -102,6 +102,8 @@ def test_the_words_for_it(addon):
     assert words(report_with(24, 0.4, 4.0, 2)) == (
         "24 dots of glue join 40% of the bodies. 4 dots hold the pile to the ground or to scenery. 2 broke."
     )
+    collapsed = {**report_with(24, 0.4, 0.0, 24), "collapse_frame": 30}
+    assert words(collapsed) == "Before the collapse: 24 dots of glue join 40% of the bodies."
 
 
 def test_dots_are_where_the_server_has_them(desk, glue, addon):

@@ -67,6 +67,25 @@ def test_expected_times_stay_until_the_next_are_there(desk, addon, looking, monk
     bpy.context.view_layer.update()
     assert looking(lambda: running.plan_is_old) and running.plan is first
     assert looking(lambda: not running.plan_is_old) and running.plan is not first
+    # Back before there is another answer: it is of this scene.
+    stick.scale = (0.6, 1, 1)
+    bpy.context.view_layer.update()
+    assert looking(lambda: running.plan_is_old)
+    stick.scale = (0.7, 1, 1)
+    bpy.context.view_layer.update()
+    assert looking(lambda: not running.plan_is_old, 3)
+    # While nothing may be asked, they are old all the same; and what is edited may be another shape.
+    with monkeypatch.context() as patch:
+        patch.setattr(estimates, "may_ask", lambda _: False)
+        desk.settings.seed = 3
+        assert looking(lambda: running.plan_is_old, 3)
+        desk.settings.seed = 1
+        assert looking(lambda: not running.plan_is_old, 3)
+        bpy.context.view_layer.objects.active = desk.control
+        bpy.ops.object.mode_set(mode="EDIT")
+        assert looking(lambda: running.plan_is_old, 3)
+        bpy.ops.object.mode_set(mode="OBJECT")
+        assert not looking(lambda: not running.plan_is_old, 3)
     monkeypatch.setattr(addon("fingerprint"), "MAX_VERTICES", 4)
     assert looking(lambda: estimates.is_too_much) and running.plan is None
     assert "Check" in addon("panels").reliance()

@@ -220,11 +220,24 @@ def test_a_pile_collapses_to_the_side_that_is_chosen(desk, addon, angle):
     before = desk.bake(output_mode="POSE")
     first = len(bodies_of(before)) // 2
     named = {"use_collapse_first": angle == 90, "collapse_first": first, "use_collapse_frame": angle == 90}
-    desk.bake(use_collapse=True, collapse_angle=angle, collapse_frame=31, **named)
+    named["output_mode"] = "ANIMATION"
+    pile = desk.bake(use_collapse=True, collapse_angle=angle, collapse_frame=31, **named)
     ways = desk.motion.positions[-1] - desk.motion.positions[0]
     # Blender's X and Y.
     way = np.array([ways[:, 0].mean(), -ways[:, 2].mean()])
     fell = np.degrees(np.arctan2(way[1], way[0]))
+    # Glue that the collapse ends was there before, and did not break.
+    glue, scene = addon("glue"), bpy.context.scene
+    shown = []
+    for frame in (1, scene.frame_end):
+        scene.frame_set(frame)
+        shown.append(glue.has_ended(pile))
+    assert shown == [False, True] and not any(dot["broken"] for dot in glue.dots_of(pile))
+    # It says what the figures are of.
+    said = addon("report_panels").figures_of(pile)
+    before, after = said.index(("Before the Collapse", "")), said.index(("At the End", ""))
+    match = [float(text.rstrip("%")) for title, text in said if title == "Shape Match"]
+    assert before < after and len(match) == 2 and match[0] > 60.0 > match[1] and "Kept Shape" in dict(said)
     assert np.linalg.norm(way) > 0.2 and abs((fell - angle + 180) % 360 - 180) < 25, (fell, angle)
     if angle == 90:
         assert np.abs(desk.motion.positions[:30] - desk.motion.positions[0]).max() < 0.05

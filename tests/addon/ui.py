@@ -23,10 +23,11 @@ from hands import click, picture, press, sidebar, view, wait, xdotool
 from window import install, make_scene, start
 
 # Where things are in this window at this size, in pixels from its left and its top: the tab, before any object is
-# there; the button; and Stop, at the right end of the same row while a bake runs.
+# there; the button; Live, at the right end of the same row; and Stop, below, while a bake runs.
 TAB = 1144, 192
 BAKE = 1000, 249
-STOP_X = 1106
+LIVE = 1106, 249
+STOP = 1000, 328
 VIEW = 600, 500
 OUTLINER = 1270, 170
 
@@ -43,7 +44,7 @@ def answer_escape():
 
 def walk():
     """The steps; what is yielded is the pause until the next, s."""
-    from cairn import running
+    from cairn import live, running
 
     bake_button = BAKE
     for source in list(bpy.data.objects):
@@ -70,8 +71,7 @@ def walk():
 
     # To be stopped on the way. A click elsewhere, or Esc without an answer, does not.
     settings.accuracy, settings.use_frame_count, settings.frame_count = "DRAFT", True, 100000
-    cancel_button = STOP_X, bake_button[1]
-    for name, stop in (("escape", answer_escape), ("button", lambda: click(*cancel_button))):
+    for name, stop in (("escape", answer_escape), ("button", lambda: click(*STOP))):
         yield from click(*bake_button)
         yield from wait(lambda: running.bake and running.bake.frame_count > 5, f"frames, to stop by {name}")
         yield 0.5
@@ -82,7 +82,10 @@ def walk():
         # Closes the menu.
         xdotool("mousemove", 300, 700)
         yield 0.5
-        assert not bake.end
+        # Pressed once more.
+        yield from click(*LIVE)
+        yield 0.3
+        assert not bake.end and not live.is_on
         yield from stop()
         yield from wait(lambda: bake.end, f"the end by {name}")
         print(f"stopped by {name}: at most {time.monotonic() - hands.pressed_at:.2f} s later", flush=True)
