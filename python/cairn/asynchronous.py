@@ -80,19 +80,21 @@ class AsyncClient:
         format: str = "glb",  # noqa: A002 as the program calls it
         labels: Mapping[str, str] | None = None,
         priority: int = 0,
+        from_bake: str = "",
         **settings: Any,
     ) -> AsyncBake:
         """Requests a bake, which begins when the first event is read.
 
         `has_fill`: whether the fill's frames are sent, too. `format`: of the result’s file: glb, usdz, ...
-        `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators.
+        `labels`: names and values to find the bake by. `priority`: -100 to 100; above 0 for operators. `from_bake`: the
+        id of a finished bake of this server that the bake changes: what nothing new is near stays, to the bit.
         """
         if format not in FORMATS:
             raise Fault(f"There is no format “{format}”. Choose one of {', '.join(FORMATS)}.")
         request = read(scene, **settings)
         spec = type(request.spec)()
         spec.CopyFrom(request.spec)
-        spec.format = FORMATS[format]
+        spec.format, spec.from_bake_id = FORMATS[format], from_bake
         target = _routed(self._target, request)
         asked = {"labels": dict(labels or {}), "priority": priority}
         events = client.bake(_reach(target), spec, request.contents, has_fill=has_fill, **asked)

@@ -70,11 +70,12 @@ class Client:
         format: str = "glb",  # noqa: A002 as the program calls it
         labels: Mapping[str, str] | None = None,
         priority: int = 0,
+        from_bake: str = "",
         **settings: Any,
     ) -> Bake:
         """Requests a bake, which begins when the first event is read, like `AsyncClient.bake`."""
         asked: dict[str, Any] = {"has_fill": has_fill, "format": format, "labels": labels, "priority": priority}
-        return Bake(self._client.bake(scene, **asked, **settings))
+        return Bake(self._client.bake(scene, **asked, from_bake=from_bake, **settings))
 
     def watch(self, bake_id: str, *, has_fill: bool = False) -> Bake:
         """An earlier bake, from its first event on."""

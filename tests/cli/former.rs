@@ -3,6 +3,7 @@
 use crate::cli::desk::{Desk, box_data, box_json, glb};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// A desk with boxes on the ground, `short.glb` and `long.glb`, which is longer on one side, and two props.
 fn desk() -> Desk {
@@ -83,6 +84,39 @@ fn a_chain_of_results_keeps_names_and_bits_and_is_verified() {
     // What changed is in the request: another predecessor is another one.
     std::fs::copy(desk.path("b.glb"), desk.path("a.glb")).unwrap();
     desk.line("verify b.glb").fails(65, &["its file a.glb is not here with the content that was baked"]);
+}
+
+/// Other ways to fill, several shapes, a container, an entrance and a separation: bodies far from the change stay.
+#[test]
+fn an_earlier_result_goes_with_other_ways_to_bake() {
+    let desk = desk();
+    let mut document = box_json();
+    document["nodes"][0]["translation"] = json!([-0.6, 0.15, 0.0]);
+    desk.write("apart.glb", glb(&document, &box_data([0.3, 0.3, 0.3])));
+    let bin = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets/bin.glb");
+    std::fs::copy(bin, desk.path("bin.glb")).unwrap();
+    let longer = ["--control short.glb", "--control long.glb"];
+    let both = ["--control short.glb --control apart.glb", "--control long.glb --control apart.glb"];
+    let fuller = ["--set fill.share=0.55", "--set fill.share=0.8"];
+    for (scale, how, [before, after], least) in [
+        (1.4, "--set fill=pour", longer, 0.5),
+        (1.4, "--set fill=stack --set entrance=rain", longer, 0.5),
+        (1.4, "--set hold.separate=on", both, 0.5),
+        // All but the lowest are near what was the top.
+        (2.0, "--static bin.glb --set fill.into=bin.glb", fuller, 0.1),
+    ] {
+        let size = format!("--set props.0.scale_min={scale} --set props.0.scale_max={scale}");
+        let same = format!("--prop crumb.glb --accuracy draft --seed 3 --quiet {size} {how}");
+        desk.line(&format!("bake {same} {before} -o a.glb")).ok();
+        desk.line(&format!("bake {same} {after} --from a.glb -o b.glb --report b.json")).ok();
+        let [a, b] = ["a.glb", "b.glb"].map(|name| ends(&desk, name));
+        let report: Value = serde_json::from_slice(&std::fs::read(desk.path("b.json")).unwrap()).unwrap();
+        let counted = |name: &str| report["counts"][name].as_u64().unwrap() as usize;
+        let kept = counted("bodies_kept");
+        assert_eq!(kept + counted("bodies_moved") + counted("bodies_gone"), a.len(), "{how}");
+        assert!(kept as f64 >= least * a.len() as f64 && counted("bodies_new") > 0, "{how}: {kept} of {}", a.len());
+        assert!(shared(&a, &b) >= kept, "{how}: {} of {kept} kept bodies are the same", shared(&a, &b));
+    }
 }
 
 /// A result whose state was changed is refused, with the file and the field.

@@ -11,6 +11,7 @@ mod certificates;
 mod command_line;
 mod create;
 mod damage;
+mod earlier;
 mod ends;
 mod faults;
 mod formats;

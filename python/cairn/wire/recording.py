@@ -38,6 +38,8 @@ class Recording:
         self.rotations = np.empty((0, 4), np.float32)
         self.present = np.empty(0, bool)
         self.states = np.empty(0, np.uint8)
+        # The numbers in the names of the result's nodes.
+        self.numbers = np.empty(0, np.int32)
 
     def add_table(self, table):
         """Bodies that later frames speak of."""
@@ -55,6 +57,8 @@ class Recording:
         self.rotations = np.concatenate([self.rotations, identity])
         self.present = np.concatenate([self.present, np.zeros(new, bool)])
         self.states = np.concatenate([self.states, np.zeros(new, np.uint8)])
+        numbers = table.numbers or np.arange(first, first + new)
+        self.numbers = np.concatenate([self.numbers, np.asarray(numbers, np.int32)])
 
     def add_frame(self, frame):
         """Returns the bodies as they are now."""
@@ -87,7 +91,7 @@ class Recording:
     def motion(self):
         """The result's frames as one. None if there is none yet."""
         frames = list(self.frames)
-        return Motion.of(frames) if frames else None
+        return Motion.of(frames, self.numbers) if frames else None
 
 
 @dataclass(frozen=True)
@@ -109,9 +113,11 @@ class Motion:
     present: np.ndarray
     # [f, n]: its `BodyState`.
     states: np.ndarray
+    # [n]: the number in its name, by which a body is found again in a bake that changes this one.
+    numbers: np.ndarray = None
 
     @staticmethod
-    def of(frames):
+    def of(frames, numbers=None):
         last = frames[-1]
         count = len(last.props)
 
@@ -129,4 +135,5 @@ class Motion:
             all_of("rotations", (4,)),
             all_of("present", ()),
             all_of("states", ()),
+            np.arange(count) if numbers is None else numbers[:count],
         )

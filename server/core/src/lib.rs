@@ -334,6 +334,10 @@ pub fn release_pile<'a>(
 
     let mut sim = full.turn_over_as(scene, params, &resolved)?;
     sim.hides_frames = resolved.is_on(EffectName::Entrance);
+    if full.kept.is_some() {
+        // Which bodies stay where they were is known in the end.
+        sim.show_late();
+    }
     let glued = match resolved.is_on(EffectName::Glue) {
         true => {
             // The fill is inside the container: only a region of its own matters.
@@ -375,6 +379,8 @@ pub fn release_pile<'a>(
     clock.lap(Stage::Hold, observer);
 
     let pile = baked_pile(scene, params, full, &sim, outcome.as_ref(), glued.is_some())?;
+    outcome.iter().for_each(|outcome| observer.numbers(&outcome.numbers));
+    sim.publish(&pile.frames, observer);
     let entrance = match sim.hides_frames {
         true => Some(entered(&sim, params, &pile, observer)?),
         false => None,

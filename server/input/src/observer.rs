@@ -103,6 +103,10 @@ pub trait Observer {
     /// Receives a frame: in order, those of the fill at the result's frame rate, then those of the result, which are
     /// its final pose alone where no frames are kept.
     fn frame(&mut self, _: &Frame) {}
+
+    /// Receives the numbers in the names of the result's bodies, before its frames. Shape `[body]`. Not called where
+    /// they are the indices.
+    fn numbers(&mut self, _: &[usize]) {}
 }
 
 /// Ignores progress and never cancels; its clock stands still.

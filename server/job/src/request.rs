@@ -51,7 +51,7 @@ pub fn request(mut scene: Scene, assets: Vec<Asset>, format: Format, names: &Por
     let assets = assets.into_iter().map(|asset| (asset.uri(names), asset.sha256));
     let assets: BTreeMap<String, String> = assets.collect();
     let assets = assets.into_iter().map(|(uri, sha256)| AssetReference { uri, sha256 }).collect();
-    BakeSpec { scene: Some(scene), assets, format: format.wire().into() }
+    BakeSpec { scene: Some(scene), assets, format: format.wire().into(), ..Default::default() }
 }
 
 /// The hash of a request, without its format, layout and goal, and of the versions. Equal hashes have equal piles, to

@@ -22,6 +22,7 @@ use super::frame_publisher::FramePublisher;
 use super::guard::Guard;
 use super::pile::{Pile, REST_SPEED};
 use cairn_engine::world::{BodyId, Role};
+use cairn_geometry::pose::Pose;
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, Progress, Stage, observe};
 use cairn_input::params::Params;
@@ -158,6 +159,18 @@ impl<'a> Simulation<'a> {
             return;
         }
         self.show.run(&self.pile, observer, stage);
+    }
+
+    /// From now on, frames are not shown before [`Simulation::publish`].
+    pub fn show_late(&mut self) {
+        self.show.wait();
+    }
+
+    /// Shows the frames that have waited, as the result has them.
+    pub fn publish(&self, frames: &[Vec<Pose>], observer: &mut dyn Observer) {
+        if !self.hides_frames {
+            self.show.publish(&self.pile, frames, observer);
+        }
     }
 
     /// Shows the final pose where no frames are kept.

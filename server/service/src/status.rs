@@ -34,6 +34,8 @@ pub enum Fault {
     BakeNotFound(String),
     #[error("the bake has no result: it is not finished, or has failed; see GetBake")]
     BakeNotDone,
+    #[error("the earlier bake cannot be used: {}", in_a_line(.0))]
+    EarlierBake(Vec<FieldProblem>),
     #[error("{0}")]
     FormatUnavailable(String),
     #[error("all workers are busy, and the queue or your quota of it is full; try again later")]
@@ -108,6 +110,7 @@ impl Fault {
             Fault::UploadStalled => (Code::DeadlineExceeded, "UPLOAD_STALLED"),
             Fault::BakeNotFound(_) => (Code::NotFound, "BAKE_NOT_FOUND"),
             Fault::BakeNotDone => (Code::FailedPrecondition, "BAKE_NOT_DONE"),
+            Fault::EarlierBake(_) => (Code::FailedPrecondition, "EARLIER_BAKE"),
             Fault::FormatUnavailable(_) => (Code::FailedPrecondition, "FORMAT_UNAVAILABLE"),
             Fault::QueueFull { .. } => (Code::ResourceExhausted, "QUEUE_FULL"),
             Fault::TooManyCalls => (Code::ResourceExhausted, "TOO_MANY_CALLS"),
@@ -136,9 +139,10 @@ impl Fault {
 
     fn problems(&self) -> &[FieldProblem] {
         match self {
-            Fault::RequestInvalid(problems) | Fault::SceneInvalid(problems) | Fault::AssetsMissing(problems) => {
-                problems
-            }
+            Fault::RequestInvalid(problems)
+            | Fault::SceneInvalid(problems)
+            | Fault::AssetsMissing(problems)
+            | Fault::EarlierBake(problems) => problems,
             _ => &[],
         }
     }

@@ -386,6 +386,10 @@ impl Observer for Watcher {
         self.failed.is_none()
     }
 
+    fn numbers(&mut self, numbers: &[usize]) {
+        self.frames.set_numbers(numbers);
+    }
+
     fn frame(&mut self, frame: &Frame) {
         for kind in self.frames.next(frame) {
             if let Err(error) = self.log.append(kind) {

@@ -14,6 +14,8 @@ pub struct FrameDelta {
     known: Vec<Option<Known>>,
     /// Shape `[body]`.
     states: Vec<State>,
+    /// The numbers in the names of the result's bodies; empty where they are the indices.
+    numbers: Vec<usize>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -34,14 +36,20 @@ impl Known {
 }
 
 impl FrameDelta {
+    /// The numbers in the names of the result's bodies, before its frames.
+    pub fn set_numbers(&mut self, numbers: &[usize]) {
+        self.numbers = numbers.to_vec();
+    }
+
     /// The table of new bodies, if there are any, and the frame.
     pub fn next(&mut self, frame: &Frame) -> impl Iterator<Item = Kind> + use<> {
         let is_fill = frame.stage == Stage::Fill;
         if !is_fill && !self.is_result {
-            *self = FrameDelta { is_result: true, ..Default::default() };
+            let numbers = std::mem::take(&mut self.numbers);
+            *self = FrameDelta { is_result: true, numbers, ..Default::default() };
         }
         let first = self.known.len();
-        let table = (first < frame.bodies.len()).then(|| body_table(frame, first));
+        let table = (first < frame.bodies.len()).then(|| body_table(frame, first, &self.numbers));
         let mut message = proto::Frame {
             stage: proto::Stage::from(frame.stage).into(),
             frame_number: to_proto::signed(frame.number),
@@ -84,7 +92,7 @@ impl FrameDelta {
     }
 }
 
-fn body_table(frame: &Frame, first: usize) -> proto::BodyTable {
+fn body_table(frame: &Frame, first: usize, numbers: &[usize]) -> proto::BodyTable {
     let stage = if frame.stage == Stage::Fill { Stage::Fill } else { Stage::Release };
     let mut table = proto::BodyTable {
         stage: proto::Stage::from(stage).into(),
@@ -97,6 +105,9 @@ fn body_table(frame: &Frame, first: usize) -> proto::BodyTable {
         let (prop, scale) = known.map_or((0, 0.0), |known| (known.prop, known.scale));
         table.prop_indices.push(to_proto::signed(prop));
         table.scales.push(scale as f32);
+        if stage == Stage::Release {
+            table.numbers.extend(numbers.get(id).copied().map(to_proto::signed::<_, i32>));
+        }
     }
     table
 }

@@ -16,12 +16,15 @@ use cairn_input::earlier::{EarlierBody, EarlierDot, EarlierProp};
 use cairn_input::scene::StaticModel;
 use glam::{DQuat, DVec3};
 use serde_json::Value;
+use std::collections::BTreeSet;
 
 /// The member of the extras.
 pub const KEY: &str = "state";
 
 const VERSION: u32 = 1;
 const NO_BODY: u32 = u32::MAX;
+/// Largest number in a body's name: those of new bodies are larger, and still fit a message.
+const MOST_NUMBER: u32 = 1 << 30;
 /// Scenery that is farther from the shape than this, d, is left out: no change of it is near a body.
 const FAR: f64 = 4.0;
 
@@ -174,9 +177,11 @@ impl Cursor<'_> {
     }
 
     fn body(&mut self) -> Option<EarlierBody> {
-        let (prop, number, scale) = (self.whole()? as usize, self.whole()? as usize, self.finite()?);
+        let (prop, number, scale) = (self.whole()? as usize, self.whole()?, self.finite()?);
         let (first, last) = (self.pose()?, self.pose()?);
-        (scale > 0.0).then_some(EarlierBody { prop: EarlierProp::Same(prop), number, scale, first, last })
+        let is_right = scale > 0.0 && number <= MOST_NUMBER;
+        let (prop, number) = (EarlierProp::Same(prop), number as usize);
+        is_right.then_some(EarlierBody { prop, number, scale, first, last })
     }
 
     fn dot(&mut self, bodies: u32) -> Option<EarlierDot> {
@@ -211,9 +216,13 @@ impl Cursor<'_> {
         let [points, triangles, near_points, near_triangles] =
             [self.whole()?, self.whole()?, self.whole()?, self.whole()?];
         let ground = Some(self.number()?).filter(|height| height.is_finite());
-        let mut bodies = Vec::new();
+        let (mut bodies, mut numbers) = (Vec::new(), BTreeSet::new());
         for _ in 0..count {
-            bodies.push(self.body()?);
+            let body = self.body()?;
+            if !numbers.insert(body.number) {
+                return None;
+            }
+            bodies.push(body);
         }
         let mut dots = Vec::new();
         for _ in 0..joints {
@@ -244,5 +253,63 @@ mod tests {
         let last = bytes.len() - 4;
         bytes[last] = 3;
         assert_eq!(Cursor { bytes: &bytes }.state(), None);
+    }
+
+    /// A state of two bodies, a joint between them, and a triangle.
+    fn small() -> Vec<u8> {
+        let mut bytes: Vec<u8> = [VERSION, 2, 1, 3, 1, 3, 1].iter().flat_map(|n| n.to_le_bytes()).collect();
+        bytes.extend(0f64.to_le_bytes());
+        for number in [0u32, 7] {
+            bytes.extend([0, number].iter().flat_map(|n| n.to_le_bytes()));
+            let pose = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 1.0];
+            bytes.extend([1.0].iter().chain(&pose).chain(&pose).flat_map(|x: &f64| x.to_le_bytes()));
+        }
+        bytes.extend([0u32, 1].iter().flat_map(|n| n.to_le_bytes()));
+        bytes.extend([1.0; 6].iter().flat_map(|x: &f64| x.to_le_bytes()));
+        for _ in 0..2 {
+            bytes.extend([0.0; 9].iter().flat_map(|x: &f32| x.to_le_bytes()));
+            bytes.extend([0u32, 1, 2].iter().flat_map(|v| v.to_le_bytes()));
+        }
+        bytes
+    }
+
+    /// Whatever its bytes are, a state is refused, or all that it refers to is there.
+    #[test]
+    fn any_bytes_are_refused_or_are_a_state() {
+        let whole = small();
+        let read = Cursor { bytes: &whole }.state().unwrap();
+        assert_eq!((read.bodies.len(), read.dots.len(), read.bodies[1].number), (2, 1, 7));
+        let (mut draw, mut taken) = (1u64, 0);
+        let mut next = |below: usize| {
+            draw = draw.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (draw >> 33) as usize % below
+        };
+        for _ in 0..50_000 {
+            let mut bytes = whole.clone();
+            for _ in 0..=next(3) {
+                let (at, value) = (next(bytes.len()), [0, 1, 2, 0x7f, 0x80, 0xff][next(6)]);
+                match next(3) {
+                    0 => bytes[at] = value,
+                    1 => bytes[at] ^= 1 << next(8),
+                    _ => {
+                        let end = (at + 1 + next(8)).min(bytes.len());
+                        bytes.drain(at..end);
+                        bytes.push(0);
+                    }
+                }
+            }
+            let Some(state) = (Cursor { bytes: &bytes }).state() else { continue };
+            taken += 1;
+            let count = state.bodies.len();
+            let numbers: BTreeSet<usize> = state.bodies.iter().map(|body| body.number).collect();
+            assert!(numbers.len() == count && numbers.iter().all(|number| *number <= MOST_NUMBER as usize));
+            let is_there = |dot: &EarlierDot| dot.body < count && dot.other.is_none_or(|other| other < count);
+            assert!(state.dots.iter().all(is_there));
+            for mesh in [&state.shape, &state.scenery] {
+                assert!(mesh.points.iter().all(|p| p.is_finite()));
+                assert!(mesh.triangles.iter().flatten().all(|v| (*v as usize) < mesh.points.len()));
+            }
+        }
+        assert!(taken > 1000, "{taken} of them can be read");
     }
 }

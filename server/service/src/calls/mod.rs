@@ -73,7 +73,8 @@ impl Service {
         deadline: Option<Instant>,
     ) -> Result<Arc<Entry>, Fault> {
         let of = caller.clone();
-        let submission = on_disk(move || request::submission(&of, request)).await??;
+        let mut submission = on_disk(move || request::submission(&of, request)).await??;
+        submission.spec = self.bakes.with_earlier(caller, submission.spec).await?;
         let submission = self.bakes.with_preset(caller, submission).await?;
         let (bakes, caller) = (self.bakes.clone(), caller.clone());
         on_disk(move || bakes.submit(&caller, submission, deadline)).await?
@@ -183,6 +184,7 @@ impl PileService for Service {
     async fn plan_bake(&self, request: Request<PlanBakeRequest>) -> Result<Response<PlanBakeResponse>, Status> {
         let caller = caller(&request);
         let spec = on_disk(|| request::checked(request.into_inner().spec)).await??;
+        let spec = self.bakes.with_earlier(&caller, spec).await?;
         Ok(Response::new(self.bakes.plan(&caller, spec).await?))
     }
 

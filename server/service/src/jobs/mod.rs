@@ -4,6 +4,7 @@
 //! until the worker process has ended.
 
 mod analysis;
+mod earlier;
 mod entry;
 mod limits;
 mod listing;
