@@ -1,6 +1,6 @@
 """The button, the bake's progress and the problems, in one place, so that nothing moves under the pointer."""
 
-from . import estimates, live, preferences, request, result, running, wording
+from . import estimates, keeping, live, preferences, request, result, running, wording
 from .following import is_running
 from .layouts import draw_folded, draw_sentences, wrapped
 
@@ -32,6 +32,7 @@ def draw(layout, context, settings):
         lines = "A bake was running", "when this file was closed."
     else:
         lines = _draw_bake(row, context, settings, not lacking and not problem)
+        keeping.draw(layout, settings.control_mesh and result.existing(context.scene, settings.control_mesh))
     if is_running() or not lacking:
         column = layout.column(align=True)
         # Always two lines.

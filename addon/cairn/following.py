@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import bpy
 
-from . import plainly, preferences, preview, request, result, running, timing, wording
+from . import keeping, plainly, preferences, preview, request, result, running, timing, wording
 from .client import Fault
 
 # How often messages are read, and how long Blender may be busy at a time, s.
@@ -26,6 +26,7 @@ def is_running():
 
 def explain(operator, fault):
     """Shows a popup with the fault and its remedy. The panel keeps it, with buttons."""
+    fault = keeping.explained(fault)
     running.problems = list(fault.problems)
     lines = ["Fix these problems first:", *(wording.said(problem.text) for problem in fault.problems)]
     operator.report({"ERROR"}, "\n".join(lines) if fault.problems else fault.message)

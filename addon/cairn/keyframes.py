@@ -95,6 +95,17 @@ def freeze(body, frame):
     body.animation_data_clear()
 
 
+def move(giver, taker):
+    """Gives an object the action of another one, in the place of its own."""
+    taker.animation_data_clear()
+    given = giver.animation_data
+    if given is not None and given.action is not None:
+        data = taker.animation_data_create()
+        data.action = given.action
+        if HAS_SLOTS:
+            data.action_slot = given.action_slot
+
+
 def pose(body, action, frame):
     """Sets an object without animation to the pose that an action has at a frame."""
     for curve in _all_curves(action):

@@ -9,7 +9,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
-from . import fingerprint, job, preferences, preview, request, running
+from . import fingerprint, job, keeping, preferences, preview, request, running
 from .client import Fault
 from .messages import v1
 
@@ -78,6 +78,8 @@ class _Draft:
             self.slices = None
             taken, drawn = end.value
             taken.spec.scene.accuracy = v1.ACCURACY_DRAFT
+            # Only what has changed since the pile was baked is filled again.
+            keeping.ask(context, taken)
             request.leave_figures(v1, taken.spec.scene)
             # Only the final pose is drawn.
             taken.spec.scene.effects.frames = v1.SWITCH_OFF
@@ -95,7 +97,7 @@ class _Draft:
         while not self.job.messages.empty() and not is_done:
             kind, what = self.job.messages.get()
             if kind == "failed":
-                self.job = None
+                self.job, what = None, keeping.explained(what)
                 running.problems = what.problems
                 self.set_status(context, what.message if not what.problems else "Fix the problems listed here first.")
                 self.hide()

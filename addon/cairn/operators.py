@@ -2,7 +2,7 @@
 
 from bpy.types import Operator
 
-from . import estimates, export, pending, pointers, preferences, preview, request, running, walls
+from . import estimates, export, keeping, pending, pointers, preferences, preview, request, running, walls
 from .client import Fault
 from .following import Follows, is_running, start_frame
 
@@ -23,6 +23,7 @@ class CAIRN_OT_bake(Follows, Operator):
         yield
         with start_frame(context):
             taken = yield from request.taking(context)
+        keeping.ask(context, taken)
         pointers.ask(context.scene, taken.recipe["token"], taken.pointers)
         bake.ask(taken)
         return (yield from preview.drawn(taken.props))

@@ -83,6 +83,12 @@ def _display(self, _):
             body.display_type = self.display
 
 
+def _answer(_, _context):
+    from . import keeping
+
+    keeping.forget_problems()
+
+
 class CairnResult(PropertyGroup):
     """Data of a collection with a baked pile: enough to bake it again, and to show its report."""
 
@@ -99,6 +105,14 @@ class CairnResult(PropertyGroup):
     counts: StringProperty()
     # JSON: the server's bodies that no object shows.
     left_out: StringProperty()
+    # JSON: the numbers in the bodies' names, where they are not 1, 2, 3, ...
+    labels: StringProperty()
+    use_keep: BoolProperty(
+        name="Keep What Fits",
+        description="Change this pile instead of filling the whole shape again: bodies with nothing new near them keep "
+        "pose, name and object. What is new is found by itself, also in a sculpted shape",
+        update=_answer,
+    )
     # Frames of the result, and their timing: as set, and as applied to the pile (JSON).
     frame_count: IntProperty()
     timing_start: IntProperty(

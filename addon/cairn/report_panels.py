@@ -3,7 +3,7 @@
 import numpy as np
 from bpy.types import Panel
 
-from . import dots, glue, panels, result, roots, running, states, wording
+from . import dots, glue, keeping, panels, result, roots, running, states, wording
 from .layouts import draw_folded, wrapped
 from .panels import Pile
 
@@ -101,6 +101,8 @@ class CAIRN_PT_report(Pile, Panel):
         names = running.recipe_of(collection).get("names", {})
         texts = wording.with_bodies(report.get("warnings", ()), collection)
         draw_folded(layout, context, wording.gathered(texts, names))
+        if keeping.said(report):
+            wrapped(layout, context, f"Of the pile before: {keeping.said(report)}.")
         if collection.cairn.mode != "POINTS":
             layout.prop(collection.cairn, "display")
         layout.operator("cairn.select_pile", icon="EMPTY_AXIS").collection = collection.name
@@ -211,7 +213,7 @@ def _called(collection, body):
     if body is None:
         return "Ground"
     number = dots.number_of(collection, body)
-    return "–" if number is None else f"{number:03}"
+    return "–" if number is None else f"{keeping.label_of(collection, number):03}"
 
 
 def draw_figure(layout, title, value, factor=0.7):

@@ -9,6 +9,7 @@ from mathutils import Matrix
 from . import (
     axes,
     belongings,
+    keeping,
     keyframes,
     parts,
     pointers,
@@ -41,6 +42,7 @@ class BodyMotion:
         self.left_out = np.flatnonzero(~ever).tolist()
         ever = slice(None) if ever.all() else ever
         self.props, self.scales = motion.props[ever], motion.scales[ever]
+        self.numbers = None if motion.numbers is None else motion.numbers[ever]
         self.positions = axes.points_to_blender(motion.positions[:, ever], metres)
         self.rotations = axes.rotations_to_blender(motion.rotations[:, ever])
         self.present, self.states = motion.present[:, ever], motion.states[:, ever]
@@ -131,7 +133,7 @@ def build(context, motion, recipe, record):
         raise Fault(f"These props are not in the file any more: {', '.join(gone)}. Bring them back, or bake again.")
     locals_ = [Matrix(prop["local"]) for prop in recipe["props"]]
     moved = BodyMotion(motion, recipe)
-    mode = mode_of(recipe, len(moved.props))
+    mode, labels = mode_of(recipe, len(moved.props)), keeping.labels(moved, recipe)
     name = f"{control.name if control else recipe['control']} Pile"
     yield 0.0
 
@@ -152,7 +154,7 @@ def build(context, motion, recipe, record):
             moved.rotations = keyframes.continuous(moved.rotations)
             for batch in range(0, len(moved.props), BATCH):
                 for body in range(batch, min(batch + BATCH, len(moved.props))):
-                    objects.append(_body(made, moved, body, mode, recipe["start_frame"]))
+                    objects.append(_body(made, moved, body, mode, recipe["start_frame"], labels[body]))
                     roots.adopt(root, objects[-1])
                     belongings.mark(objects[-1])
                 yield len(objects) / len(moved.props)
@@ -161,13 +163,20 @@ def build(context, motion, recipe, record):
         _remove([*objects, root] if is_new else objects, made)
         raise
 
+    kept = keeping.objects_kept(before, own, others, objects, moved, mode) if before and recipe.get("keeps") else {}
+    staying, changed = set(kept.values()), set(others)
+    own, others = ([shown for shown in found if shown not in staying] for found in (own, others))
     if before:
         # Reported with the other notes of the bake.
-        recipe["notes"] = [*recipe.get("notes", ()), *filter(None, [_taken_out(before, own, others)])]
+        recipe["notes"] = [*recipe.get("notes", ()), *filter(None, [_taken_out(before, own, others, staying)])]
         roots.settle(root, corners)
     collection = before or _collection(scene, control, name, recipe, record)
+    for place, old in kept.items():
+        keeping.hand_over(old, objects[place], old in changed)
+        own.append(objects[place])
+        objects[place] = old
     # Slow for many one by one; and until here nobody has seen them.
-    _link([root, *objects] if is_new else objects, collection)
+    _link([shown for shown in ([root, *objects] if is_new else objects) if shown not in staying], collection)
     for shown in objects:
         # The empty may have a new home.
         roots.adopt(root, shown)
@@ -180,10 +189,12 @@ def build(context, motion, recipe, record):
     pointers.forget(recipe)
     timing.set_by_bake(collection, recipe["start_frame"], len(moved.positions))
     collection.cairn.left_out = json.dumps(moved.left_out)
+    collection.cairn.labels = json.dumps(labels) if recipe.get("keeps") else ""
     collection.cairn.counts = json.dumps(np.bincount(moved.props, minlength=len(made)).tolist())
     collection.cairn.states = states.packed(moved.states, recipe["start_frame"])
     states.refresh(scene)
-    closing = _closing(own, () if mode == "POINTS" else objects, made)
+    named = [] if mode == "POINTS" else [(label, shown, shown in staying) for label, shown in zip(labels, objects)]
+    closing = _closing(own, named, made)
     try:
         for _ in closing:
             yield CLOSING
@@ -194,10 +205,11 @@ def build(context, motion, recipe, record):
     return collection
 
 
-def _closing(own, objects, made):
-    """A generator: removes the bodies that were replaced, and names the new ones like them."""
+def _closing(own, named, made):
+    """A generator: removes the bodies that were replaced, and names the new ones like them. `named`: as for
+    `_naming`."""
     yield from _removing(own)
-    yield from _naming(objects, made)
+    yield from _naming(named, made)
 
 
 def sources_of(recipe, found):
@@ -211,33 +223,34 @@ def _link(objects, collection):
         collection.objects.link(made_object)
 
 
-def _naming(objects, made):
-    """A generator: numbers the bodies from 1. The pile that they replace is gone."""
-    digits = max(3, len(str(len(objects))))
+def _naming(named, made):
+    """A generator: gives the bodies their numbers in their names. The pile that they replace is gone. `named`: for
+    each body its number, its object, and whether that has its name already."""
     # Up to Blender 4.2, another block with the name would lose it.
     taken, used = set(bpy.data.objects.keys()), set(bpy.data.actions.keys())
-    for number, shown in enumerate(objects):
+    for number, (label, shown, has_name) in enumerate(named):
         if number % NAMED == 0:
             yield
-        name = f"{_base(made[shown.cairn.prop])} Body {number + 1:0{digits}}"
-        if name not in taken:
+        name = shown.name if has_name else _name(made[shown.cairn.prop], label, len(named))
+        if not has_name and name not in taken:
             shown.name = name
         action = shown.animation_data.action if shown.animation_data else None
         if action and name not in used:
             action.name = name
-        shown.cairn.made_name = shown.name
+        if not has_name:
+            shown.cairn.made_name = shown.name
 
 
-def _base(part):
-    """A prop's name without dots, which other programs' files do not have in names."""
-    return part.name.replace(".", "_")
+def _name(part, label, count):
+    """The name of a body of so many. Its prop's name is without dots, which other programs' files do not have in
+    names."""
+    return f"{part.name.replace('.', '_')} Body {label:0{max(3, len(str(count)))}}"
 
 
-def _body(made, moved, body, mode, start_frame):
+def _body(made, moved, body, mode, start_frame, label):
     part = made[moved.props[body]]
     factor = float(moved.scales[body])
-    digits = max(3, len(str(len(moved.props))))
-    shown = part.body(f"{_base(part)} Body {body + 1:0{digits}}", factor)
+    shown = part.body(_name(part, label, len(moved.props)), factor)
     shown.cairn.number, shown.cairn.prop, shown.cairn.size = body + 1, int(moved.props[body]), factor
     here = moved.present[:, body]
     # Where it is first or last seen.
@@ -261,7 +274,7 @@ def _body(made, moved, body, mode, start_frame):
 
 def still_body(made, moved, body, number):
     """Sets a body to its pose in the last frame."""
-    shown = _body(made, moved, body, "POSE", 0)
+    shown = _body(made, moved, body, "POSE", 0, body + 1)
     shown.cairn.number = number
     return shown
 
@@ -318,12 +331,12 @@ def clear(collection):
     return said
 
 
-def _taken_out(collection, own, others):
+def _taken_out(collection, own, others, staying=frozenset()):
     """Takes everything but the pile's empty out of a pile's collection, and moves the artist's things beside it. Gives
-    a sentence about those. `own`, `others`: as `belongings` sorts them."""
+    a sentence about those. `own`, `others`: as `belongings` sorts them, without bodies that go on (`staying`)."""
     states.restore()
     # Something may have come in since.
-    mine, root = set(own), roots.of(collection)
+    mine, root = {*own, *staying}, roots.of(collection)
     others = [*others, *(shown for shown in collection.objects if shown != root and shown not in mine)]
     inner = _made_by(own)[4]
     strangers = [shown for held in prop_collections.of(collection) for shown in held.objects if shown not in mine]

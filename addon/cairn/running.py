@@ -223,6 +223,8 @@ class Bake:
             "is_whole": self.is_enough or (self.has_all_frames and self.end != "kept"),
         }
         record["warnings"] = []
+        if self.recipe.get("keeps"):
+            record["keeps"] = True
         if self.accepted:
             versions = self.accepted.versions
             record["versions"] = {"cairn": versions.cairn, "rapier3d": versions.rapier3d, "clarabel": versions.clarabel}
