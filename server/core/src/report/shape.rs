@@ -13,7 +13,7 @@ use cairn_motion::pile::Pile;
 use cairn_prepare::effects::EffectName;
 use std::collections::BTreeSet;
 
-/// Below this `shape_iou`, empty parts of the control mesh are looked for.
+/// Below this `shape_iou`, right after turning over and in the end, empty parts of the control mesh are looked for.
 pub const POOR_MATCH: f64 = 0.85;
 
 /// The figures that are null where nothing is measured.
@@ -108,7 +108,9 @@ pub fn figures(
     }
     // A pile of a given number of bodies, or around a core, need not fill the shape.
     let fills = inputs.core.is_none() && inputs.params.fill.count.is_none() && inputs.filled.is_some();
-    if fills && at_end.as_ref().is_some_and(|end| end.shape_iou.value < POOR_MATCH) {
+    let is_poor = |measures: &ShapeMeasures| measures.shape_iou.value < POOR_MATCH;
+    // What was full and has fallen needs no smaller props.
+    if fills && at_end.as_ref().is_some_and(is_poor) && first.as_ref().is_none_or(is_poor) {
         measured.shapes += 1;
         measured.empty_parts = LocalThickness::new(&region).uncovered(measurer.covered(&pile_of(&props, &held)));
     }

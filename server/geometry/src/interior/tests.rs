@@ -222,7 +222,7 @@ fn the_grid_agrees_with_the_region() {
     let (values, exact) = (grid.nodes().2, all.nodes().2);
     let differ = values.iter().zip(exact).filter(|(value, exact)| (*value - *exact).abs() > 1e-12);
     assert!(differ.clone().all(|(_, exact)| !(-0.1..0.3).contains(exact)));
-    assert!(differ.clone().count() * 3 > values.len(), "{} of {}", differ.count(), values.len());
+    assert!(differ.clone().count() * 6 > values.len(), "{} of {}", differ.count(), values.len());
     assert!(values.iter().zip(exact).all(|(value, exact)| (*value < 0.0) == (*exact < 0.0)));
     let outward = grid.gradient(DVec3::new(1.3, 0.0, 0.0));
     assert!(outward.dot(DVec3::X) > 0.9, "{outward}");
