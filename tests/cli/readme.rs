@@ -132,7 +132,7 @@ fn pages() -> Vec<String> {
 fn guide() {
     let desk = desk_with_examples();
     let (mut server, address) = serve(&desk);
-    let (mut tried, mut drawn) = (0, false);
+    let mut tried = 0;
     for page in pages() {
         let blocks = blocks_of(&root().join("examples/guide").join(&page));
         let lines = blocks.iter().flat_map(|block| block.lines());
@@ -146,18 +146,18 @@ fn guide() {
                 Some("render") => " --size 48x36 --samples 1",
                 Some("doctor") => " --skip-bake",
                 Some("cost") => " --seeds 1 --budget 1s",
-                Some("clutter") => " --sheet 1 --progress none",
+                // Each process reads the catalogue.
+                Some("clutter") => " --sheet 1 --jobs 1 --progress none",
                 _ => "",
             };
-            // Only `render` makes tiny pictures: of the others, one is enough.
+            // Only `render` makes tiny pictures: of the others, one of few bodies is enough.
             let picture = command.split_whitespace().skip_while(|word| *word != "--picture").nth(1);
             let few = |command: &str| command.replace(" -n 1000 ", " -n 2 ");
             let command = match picture {
                 _ if command.starts_with("cairn clutter") => few(command),
-                Some(picture) if drawn => command.replace(&format!(" --picture {picture}"), ""),
+                Some(picture) if picture != "arch.png" => command.replace(&format!(" --picture {picture}"), ""),
                 _ => command.to_owned(),
             };
-            drawn |= picture.is_some();
             let words = format!("{command}{smaller}");
             let words = words.strip_prefix("cairn ").unwrap_or_else(|| panic!("{line} is no command of cairn"));
             let printed = desk.line(words).ok();
