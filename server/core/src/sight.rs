@@ -29,6 +29,12 @@ impl<'a> SeenBodies<'a> {
     pub fn sight(&self) -> Sight<'_> {
         Sight::new(&self.meshes, &self.bodies, &self.thickness)
     }
+
+    /// Whether a body is seen to stand on the ground, if there is one at this height, m: its mesh is no more than `gap`
+    /// above it, in its thickness.
+    pub fn is_on_ground(&self, sight: &Sight, body: usize, gap: f64, ground: Option<f64>) -> bool {
+        ground.is_some_and(|ground| sight.lowest(body) - ground <= gap * self.thickness[body])
+    }
 }
 
 /// The bodies that were placed to stay, and those that touch something besides other bodies. What glue holds may hover.

@@ -48,10 +48,8 @@ pub fn figures(inputs: &ReportInputs, world: &World, pairs: &[ContactPair]) -> (
     let sight = seen.sight();
     let found = sight.visible(&touching, all);
     let (carried, gap) = (carried(pairs, world), inputs.params.accuracy.traits().visible_contact);
-    let stands = |i: usize| {
-        let height = sight.lowest(i) - inputs.ground;
-        carried.contains(&present[i]) || inputs.params.ground && height <= gap * seen.thickness[i]
-    };
+    let ground = inputs.params.ground.then_some(inputs.ground);
+    let stands = |i: usize| carried.contains(&present[i]) || seen.is_on_ground(&sight, i, gap, ground);
     let hanging = sight.hanging(gap, stands);
     let feet = (0..present.len()).filter(|&i| stands(i)).count();
     let values = [

@@ -39,10 +39,8 @@ pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
     let gap = NARROWER * inputs.params.accuracy.traits().visible_contact;
     let ground = inputs.params.ground.then_some(inputs.ground);
     let fixed = carried(&pile.world.static_contact_pairs(REAL_CONTACT), &pile.world);
-    let hovering = |sight: &Sight| {
-        let is_on = |i: usize, ground: f64| sight.lowest(i) - ground <= gap * thickness[i];
-        sight.hanging(gap, |i| fixed.contains(&i) || ground.is_some_and(|ground| is_on(i, ground)))
-    };
+    let hovering =
+        |sight: &Sight| sight.hanging(gap, |i| fixed.contains(&i) || seen.is_on_ground(sight, i, gap, ground));
     let mut left = hovering(&sight);
     // What meets a group that hovers, too, comes down with it.
     while !left.is_empty() && left.iter().all(|&id| id < filled) {

@@ -66,9 +66,9 @@ impl Accuracy {
                 separates: false,
                 visible_contact: 0.15,
                 fill_cost_factor: 0.47,
-                // Nothing is released on trial.
+                // Of a pile that is not released on trial.
                 glue_cost_factor: 0.2,
-                // Joints are chosen in fewer rounds, without a trial.
+                // Joints are chosen in fewer rounds.
                 glue_joints_factor: 2.1,
                 shapes_like: Accuracy::Draft,
                 overlaps: [[0.034, 0.073], [0.00034, 0.0]],
@@ -131,7 +131,7 @@ impl Params {
                 params.fill.settle = 0.5;
                 params.fill.residual_overlap = 0.04;
                 params.release.layer = 1.0;
-                // More glue replaces releasing the pile for the proof.
+                // More glue replaces releasing the pile for the proof, where it is low above its foot.
                 params.glue.friction_factor = 0.35;
                 params.glue.rounds = 2;
             }

@@ -43,6 +43,11 @@ pub fn suggest(message: &MessageDescriptor, name: &str) -> String {
     if let Some(meant) = nearest(name, fields.iter().map(|field| field.name())) {
         return format!("Did you mean `{meant}`?");
     }
+    let of_several = fields.iter().map(|field| field.name()).filter(|own| own.split('_').any(|word| word == name));
+    let of_several: Vec<&str> = of_several.collect();
+    if !of_several.is_empty() {
+        return format!("Did you mean `{}`?", of_several.join("` or `"));
+    }
     let elsewhere: Vec<String> =
         paths(&scene(), "").into_iter().filter(|path| path.rsplit('.').next() == Some(name)).collect();
     if !elsewhere.is_empty() {
