@@ -101,14 +101,14 @@ def said(sources, report):
     forecast = analysis.figures(source)["removal"] or {}
     expected = [*forecast.get("moving", ()), *forecast.get("on_these", ())]
     fell = [names[number] for number in removed["came_down"] if sources[number] != source]
-    moved = [names[number] for number, _ in removed["moved"] if names[number] not in [*fell, source.name]]
     loose = [one.name for one in sources if analysis.figures(one)["standing"].startswith("falls")]
+    moved = [names[number] for number, _ in removed["moved"] if names[number] not in [*fell, *loose, source.name]]
     other = "came down besides, hit or pulled along" if expected else "came down"
     parts = []
     for which, words in (
         ([name for name in fell if name in expected], "came down, as the analysis says"),
         ([name for name in fell if name not in expected + loose], other),
-        ([name for name in fell if name in loose], "came down, as without Pull Out"),
+        ([name for name in loose if name not in [*expected, source.name]], "came down, as without Pull Out"),
         ([name for name in expected if name in moved], "began to fall and found a hold"),
         ([name for name in moved if name not in expected], "moved a little"),
         ([name for name in expected if name not in fell + moved], "stayed, although no forces were found that hold it"),

@@ -1,5 +1,6 @@
 """A pile for other programs and other files: exported with its motion, or as an asset with a thumbnail."""
 
+import os
 from contextlib import contextmanager
 
 import bpy
@@ -69,11 +70,16 @@ class CAIRN_OT_export_pile(OfPile, ExportHelper, Operator):
             )
         path += "" if of else ENDINGS[self.form][0]
         states.restore()
+        is_new = not os.path.exists(path)
         with _alone(context, collection):
             try:
                 write(context, collection, self.form, path)
             except RuntimeError as error:
-                raise Fault(f"Blender does not write {path}: {str(error).removeprefix('Error: ').strip()}") from error
+                # The last line is the reason; those before it are of the exporter's own code.
+                reason = str(error).strip().rpartition("\n")[2].removeprefix("Error: ").strip()
+                if is_new and os.path.isfile(path):
+                    os.remove(path)
+                raise Fault(f"Blender does not write {path}: {reason}") from error
         states.refresh(context.scene)
         self.report({"INFO"}, f"Exported “{collection.name}” to {path}")
 

@@ -20,37 +20,56 @@ def notes(scene, frames, metres):
     places = [Vector(place) for place in axes.points_to_blender(seen.positions[seen.present], metres)] if walls else []
     if len(places) < 2:
         return []
-    group, blocked = list(range(len(places))), {}
     tree = KDTree(len(places))
     for number, place in enumerate(places):
         tree.insert(place, number)
     tree.balance()
+    # Pairs of neighbors, and what is between them.
+    pairs, blocked = [], {}
+    for number, place in enumerate(places):
+        for near, other, _ in tree.find_n(place, NEAREST + 1):
+            if number == other:
+                continue
+            wall = next((wall for wall in walls if _is_between(wall, place, near)), None)
+            if wall is None:
+                pairs.append((number, other))
+            else:
+                blocked[number], blocked[other] = wall, wall
+        yield
+    rim = max((_top(wall) for wall in set(blocked.values())), default=0.0)
+    below = {number for number, place in enumerate(places) if place.z < rim}
+    # Bodies above the rim join what lies on both sides of a wall. Of a board that divides the pile, all above it would.
+    apart = max(_apart(pairs, set(range(len(places))), blocked), _apart(pairs, below, blocked), key=len)
+    names = {blocked[one].name for one in apart if one in blocked}
+    through = " and ".join(f"“{name}”" for name in sorted(names)[:3])
+    lie = "lies" if len(apart) == 1 else "lie"
+    text = f"{len(apart)} of {len(places)} bodies {lie} behind {through}, apart from the others: the shape reaches through. "
+    return [f"{text}Move the shape off the wall, if nothing should lie there"] if apart else []
+
+
+def _apart(pairs, which, blocked):
+    """Those of these bodies that are not joined to most of them, and that something keeps apart."""
+    group = {number: number for number in which}
 
     def top(number):
         while group[number] != number:
             group[number] = number = group[group[number]]
         return number
 
-    for number, place in enumerate(places):
-        for near, other, _ in tree.find_n(place, NEAREST + 1):
-            if top(number) == top(other):
-                continue
-            wall = next((wall for wall in walls if _is_between(wall, place, near)), None)
-            if wall is None:
-                group[top(number)] = top(other)
-            else:
-                blocked[number], blocked[other] = wall.name, wall.name
-        yield
+    for one, other in pairs:
+        if one in group and other in group:
+            group[top(one)] = top(other)
     members = {}
-    for number in range(len(places)):
+    for number in which:
         members.setdefault(top(number), []).append(number)
-    most = max(members.values(), key=len)
-    apart = [ones for ones in members.values() if ones is not most and any(one in blocked for one in ones)]
-    count = sum(map(len, apart))
-    names = {blocked[one] for ones in apart for one in ones if one in blocked}
-    through = " and ".join(f"“{name}”" for name in sorted(names)[:3])
-    text = f"{count} of {len(places)} bodies lie behind {through}, apart from the others: the shape reaches through. "
-    return [f"{text}Move the shape off the wall, if nothing should lie there"] if count else []
+    most = max(members.values(), key=len, default=[])
+    others = (ones for ones in members.values() if ones is not most and any(one in blocked for one in ones))
+    return [one for ones in others for one in ones]
+
+
+def _top(wall):
+    """Height of a collider's highest corner."""
+    return max((wall.matrix_world @ Vector(corner)).z for corner in wall.bound_box)
 
 
 def _is_between(wall, start, end):

@@ -349,7 +349,7 @@ pub fn release_pile<'a>(
             }
             let known = full.kept.as_ref().zip(scene.earlier.as_ref());
             let known = known.map_or_else(KnownGlue::default, |(kept, earlier)| keep::glue(kept, earlier, &sim.pile));
-            Some(glue::run(&mut sim, region, &known, &own, &resolved, observer)?)
+            Some(glue::run(&mut sim, region, &known, &own, &resolved, full.checked.ground, observer)?)
         }
         false => None,
     };

@@ -102,18 +102,15 @@ fn what_would_hover_is_left_out() {
 }
 
 #[test]
-fn a_high_draft_is_tried_before_it_is_released() {
-    let cubes = || super::common::block(DVec3::splat(0.1));
+fn a_draft_is_tried_before_it_is_released() {
     let [mut mushroom, mut cap] =
         [DVec3::new(0.3, 0.7, 0.3), DVec3::new(1.0, 0.3, 1.0)].map(|size| super::common::block(size));
     mushroom.points.iter_mut().for_each(|p| p.y += 0.35);
     cap.points.iter_mut().for_each(|p| p.y += 0.8);
     mushroom.append(&cap);
-    let bake = baked(&scene(mushroom, cubes()), &params());
+    let bake = baked(&scene(mushroom, super::common::block(DVec3::splat(0.14))), &params());
     assert!(bake.report.counts["glue_proof_steps"] > 0);
     assert!(figure(&bake, "kept_shape") > 0.9, "kept {}", figure(&bake, "kept_shape"));
-    let low = baked(&scene(super::common::block(DVec3::splat(0.6)), cubes()), &params());
-    assert_eq!(low.report.counts["glue_proof_steps"], 0);
 }
 
 #[test]

@@ -66,26 +66,6 @@ impl TriMesh {
         triangles.map(|i| tetrahedron_volume(self.corners(i).map(|p| p - origin))).sum()
     }
 
-    /// Area of the horizontal plane at this height that a closed mesh encloses, m^2.
-    pub fn section_area(&self, height: f64) -> f64 {
-        let near = self.bounds().0.with_y(0.0);
-        let mut twice = 0.0;
-        for i in 0..self.triangles.len() {
-            let corners = self.corners(i).map(|p| p - near);
-            let is_above = corners.map(|p| p.y > height);
-            let mut cut = [DVec3::ZERO; 2];
-            for (k, &p) in corners.iter().enumerate() {
-                let next = (k + 1) % 3;
-                if is_above[k] != is_above[next] {
-                    // The section runs along the triangle from the edge that leads up to the one that leads down.
-                    cut[usize::from(is_above[k])] = p.lerp(corners[next], (height - p.y) / (corners[next].y - p.y));
-                }
-            }
-            twice += cut[0].z * cut[1].x - cut[0].x * cut[1].z;
-        }
-        twice.abs() / 2.0
-    }
-
     /// The same mesh, with all triangles reversed if it is inside out as a whole.
     pub fn outward(&self) -> std::borrow::Cow<'_, TriMesh> {
         if self.signed_volume() >= 0.0 {
@@ -131,27 +111,4 @@ pub fn solid_angle(p: DVec3, triangle: &[DVec3; 3]) -> f64 {
     let volume = a.dot(b.cross(c));
     let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
     2.0 * libm::atan2(volume, denominator)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_section_has_the_area_of_what_it_cuts() {
-        // A pyramid on a square of 2 m, 3 m high, far away, and the same upside down beside it.
-        let far = DVec3::new(4e3, 0.0, -9e3);
-        let corners = |up: f64| [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, z)| DVec3::new(x, up, z));
-        let pyramid = |base: f64, tip: f64, aside: f64| {
-            let points = corners(base).into_iter().chain([DVec3::Y * tip]).map(|p| p + far + DVec3::X * aside);
-            let triangles = vec![[0, 1, 2], [0, 2, 3], [0, 4, 1], [1, 4, 2], [2, 4, 3], [3, 4, 0]];
-            TriMesh { points: points.collect(), triangles }.outward().into_owned()
-        };
-        let mut both = pyramid(0.0, 3.0, 0.0);
-        both.append(&pyramid(3.0, 0.0, 5.0));
-        let area = |height: f64| both.section_area(height);
-        for (height, expected) in [(-0.1, 0.0), (0.0, 4.0), (1.0, 16.0 / 9.0 + 4.0 / 9.0), (1.5, 2.0), (3.1, 0.0)] {
-            assert!((area(height) - expected).abs() < 1e-8, "{} for {expected} at {height} m", area(height));
-        }
-    }
 }

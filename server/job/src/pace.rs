@@ -22,11 +22,11 @@ impl StagePace {
     }
 
     /// Remaining time of this stage, s, from its pace so far. The estimate never grows; `None` where it would have to
-    /// grow by much.
+    /// grow by much, and for glue: how many attempts it takes shows in their trials alone.
     pub fn remaining_seconds(&mut self, progress: &Progress) -> Option<f64> {
         /// Before this fraction is done, a stage's pace says little.
         const MEANINGFUL: f64 = 0.02;
-        let (_, began) = self.stage?;
+        let (_, began) = self.stage.filter(|(stage, _)| *stage != Stage::Glue)?;
         let left = began.elapsed().as_secs_f64() / progress.fraction * (1.0 - progress.fraction);
         if progress.fraction < MEANINGFUL { None } else { self.fall(left) }
     }
@@ -85,5 +85,15 @@ mod tests {
         let seem = [10.0, 8.0, 9.0, 30.0, 11.0, 5.0];
         let shown = seem.map(|left| pace.fall(left));
         assert_eq!(shown, [Some(10.0), Some(8.0), Some(8.0), None, Some(8.0), Some(5.0)]);
+    }
+
+    #[test]
+    fn nobody_knows_how_long_glue_takes() {
+        for (stage, is_known) in [(Stage::Fill, true), (Stage::Glue, false)] {
+            let counts = Progress { stage, fraction: 0.5, bodies: 0, released: 0, at_rest: 0, nails: 0, frames: 0 };
+            let mut pace = StagePace::default();
+            assert!(pace.follow(&counts));
+            assert_eq!(pace.remaining_seconds(&counts).is_some(), is_known, "{stage:?}");
+        }
     }
 }

@@ -37,8 +37,6 @@ pub struct CheckedScene {
     pub core: Option<Core>,
     /// Several shapes, each by itself.
     pub piles: Vec<CheckedScene>,
-    /// Mean height of the pile above each place of its foot, in d: large for a torso on thin legs. 0 without a pile.
-    pub height_above_foot: f64,
     /// Scenery that moves carries the pile.
     pub rides: bool,
     /// Shares of the control mesh's volume and surface that scenery leaves, where there is some.
@@ -190,9 +188,6 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
     warnings.extend(added::energy_warnings(scene, params, ground, diameter));
     let mass = |i: usize| sizes[i].volume * scene.props[i].density;
     warnings.extend(extremes::warnings(scene, params, |i| sizes[i].diameter, mass));
-    let height = |control| standing::height_above_foot(control, standing.foot, ground, diameter) / diameter;
-    let height_above_foot =
-        piles.iter().map(|pile| pile.height_above_foot).fold(control.as_ref().map_or(0.0, height), f64::max);
     let (room, rides) = (standing.room, standing.rides);
     let ground_plane = params.ground.then_some(ground);
     let on_ground = |around: Option<Surroundings>| around.map(|around| around.on_ground(ground_plane));
@@ -207,7 +202,6 @@ pub fn run(scene: &Scene, params: &Params) -> Result<CheckedScene, Vec<SceneProb
         region,
         core,
         piles,
-        height_above_foot,
         rides,
         room,
         surroundings,

@@ -166,11 +166,7 @@ impl Workload {
             step_rate,
             substeps: f64::from(params.physics.substeps),
             fill_cost_factor: params.accuracy.traits().fill_cost_factor,
-            glue_cost_factor: match checked.proves_glue(params) {
-                // A draft that is tried costs what other piles do.
-                true => params.accuracy.traits().glue_cost_factor.max(usual()),
-                false => params.accuracy.traits().glue_cost_factor,
-            },
+            glue_cost_factor: params.accuracy.traits().glue_cost_factor,
             coulomb: params.physics.friction_model == FrictionModel::Coulomb,
             glued: scene.glue_bound(params) > 0.0,
             room,

@@ -51,8 +51,8 @@ pub struct Glued {
     pub imbalance: f64,
     /// Highest price of a normal force, relative to a joint force (1).
     pub normal_price: f64,
-    /// Every contact with the ground is glued.
-    pub anchors_all: bool,
+    /// The pile leaned as a whole, so that every contact with the ground is glued.
+    pub leans: bool,
     /// Mean displacement of the bodies in the trial, d.
     pub displacement: f64,
     /// Share of the bodies that moved in the trial on level ground.
@@ -94,13 +94,14 @@ fn stands(moved: Option<f64>, displacement: f64) -> bool {
 }
 
 /// Places the joints of a pile that has been turned over, and glues it. `region`: where glue may be, engine units.
-/// `known`: the glue of an earlier pile, which stays among bodies that are as they were.
+/// `known`: the glue of an earlier pile, which stays among bodies that are as they were. `ground`: its height, m.
 pub fn run(
     sim: &mut Simulation,
     region: Option<&DistanceGrid>,
     known: &KnownGlue,
     params: &Params,
     resolved: &Resolved,
+    ground: f64,
     observer: &mut dyn Observer,
 ) -> Result<Glued, Error> {
     let anchors = params.glue.anchor != Switch::Off;
@@ -108,7 +109,8 @@ pub fn run(
     let world = &sim.pile.world;
     let mut trials = Trials::new(&sim.pile, params.glue.proof_engine);
     let all = proves && params.glue.proof == Switch::On;
-    let natural = match proves && params.glue.anchor != Switch::On {
+    let seeks = proves && (all || params.accuracy.traits().seeks_natural);
+    let natural = match seeks && params.glue.anchor != Switch::On {
         true => Some(Natural::run(world, &mut trials, all, observer)?),
         false => None,
     };
@@ -116,7 +118,7 @@ pub fn run(
     let sites = Sites::with_known(world, region, anchors, &standing, &known.joints);
     let joints = sites.known(&known.joints);
     let kept = sites.among(&known.still, &joints);
-    let mut search = Search::new(sites, params, resolved, trials);
+    let mut search = Search::new(sites, params, resolved, trials, ground);
     search.kept = kept;
     search.known = if known.is_start { joints } else { Vec::new() };
     let mut glued = match proves {

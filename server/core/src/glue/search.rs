@@ -5,6 +5,8 @@ use super::Glued;
 use super::attempt::{Attempt, Choice};
 use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
 use super::trial::{Ends, TrialResult, Trials};
+use crate::sight;
+use cairn_engine::world::PairSide;
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, observe};
 use cairn_input::params::{Params, ProofEngine, Switch};
@@ -28,7 +30,11 @@ pub struct Search<'p, 'a> {
     proves: bool,
     pub trials: Trials<'p, 'a>,
     pub sites: Sites,
+    /// Height of the ground, m, if there is one.
+    ground: Option<f64>,
     anchors_all: bool,
+    /// A trial showed the pile to lean as a whole.
+    has_leaned: bool,
     /// Joints of the attempt before, if the next one starts from them; at first, those of an earlier pile.
     pub known: Vec<GlueJoint>,
     /// Sites that an earlier pile had glued, among bodies that are as they were: they stay glued.
@@ -37,7 +43,14 @@ pub struct Search<'p, 'a> {
 }
 
 impl<'p, 'a> Search<'p, 'a> {
-    pub fn new(sites: Sites, params: &'p Params, resolved: &Resolved, trials: Trials<'p, 'a>) -> Search<'p, 'a> {
+    /// `ground`: its height, m.
+    pub fn new(
+        sites: Sites,
+        params: &'p Params,
+        resolved: &Resolved,
+        trials: Trials<'p, 'a>,
+        ground: f64,
+    ) -> Search<'p, 'a> {
         Search {
             params,
             least_limit: params.control.break_limit(params.gravity),
@@ -46,7 +59,14 @@ impl<'p, 'a> Search<'p, 'a> {
             proves: resolved.is_on(EffectName::GlueProof),
             trials,
             sites,
-            anchors_all: params.glue.anchor == Switch::On,
+            ground: params.ground.then_some(ground),
+            anchors_all: match params.glue.anchor {
+                Switch::On => true,
+                // What stands by itself is not known: the whole foot is glued at once.
+                Switch::Auto => !params.accuracy.traits().seeks_natural,
+                Switch::Off => false,
+            },
+            has_leaned: false,
             known: Vec::new(),
             kept: BTreeSet::new(),
             iterations: 0,
@@ -86,7 +106,24 @@ impl<'p, 'a> Search<'p, 'a> {
                 best.stood(trial);
             }
         }
+        if self.bound.is_none() {
+            self.weld_hanging(&mut best);
+        }
         self.certified(best, observer)
+    }
+
+    /// Bodies that are seen to hang where the trial ended are welded to what they are pressed into: they came down until
+    /// they touched, and collision shapes, which hold their meshes, push them up again.
+    fn weld_hanging(&self, attempt: &mut Attempt) {
+        let Some(poses) = &attempt.poses else { return };
+        let hanging = sight::hanging(self.trials.pile, poses, self.params, self.ground);
+        let between = &attempt.sites.between;
+        let hangs = |site: usize| {
+            let (a, b) = between[site];
+            hanging.contains(&a) || matches!(b, PairSide::Body(b) if hanging.contains(&b))
+        };
+        let more = attempt.joining(|site| hangs(site) && attempt.sites.depths[site] > 0.0);
+        attempt.more.extend(more);
     }
 
     /// The first choice, without a trial.
@@ -182,7 +219,7 @@ impl<'p, 'a> Search<'p, 'a> {
             too_weak: placement.fallen.len(),
             imbalance: placement.imbalance,
             normal_price: options.normal_price.max(sites.highest_price()),
-            anchors_all: attempt.anchors_all,
+            leans: attempt.anchors_all && self.has_leaned,
             displacement: attempt.displacement,
             moved: attempt.moved,
             poses_with_glue: attempt.poses.take(),
@@ -257,6 +294,7 @@ impl<'p, 'a> Search<'p, 'a> {
             self.weld(attempt, observer)?;
         }
         self.anchors_all |= leans;
+        self.has_leaned |= leans;
         match change {
             Change::Friction => self.known = attempt.choice.joints().to_vec(),
             Change::PriceAround => {

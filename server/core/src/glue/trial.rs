@@ -95,7 +95,7 @@ pub fn standing(heaps: &[BodyId], present: &[BodyId], has_moved: impl Fn(BodyId)
 /// Runs trials, and counts their cost.
 pub struct Trials<'p, 'a> {
     /// The pile as it is turned over: each trial begins with a copy.
-    pile: &'p Pile<'a>,
+    pub pile: &'p Pile<'a>,
     /// The same world as other engines have it, once a trial has asked for it.
     any_engine: Option<World>,
     bodies: usize,

@@ -93,15 +93,20 @@ pub fn warnings(glued: &Glued, diameter: f64, bound: f64) -> Vec<String> {
     }
     if !glued.stands() {
         let moved = glued.moved.unwrap_or(0.0);
-        let what = match moved > MOST_MOVED {
-            true => format!("{:.0} % of the bodies moved", 100.0 * moved),
-            false => format!("the bodies sank by {:.3} m in the mean", glued.displacement * diameter),
-        };
-        warnings.push(format!(
-            "{what} in the trial release: the glue does not hold the pile; use smaller props or a broader base"
-        ));
+        warnings.push(match moved > MOST_MOVED {
+            true => format!(
+                "{:.0} % of the bodies moved in the trial release: the glue does not hold the pile; use smaller props or \
+                 a broader base",
+                100.0 * moved
+            ),
+            false => format!(
+                "the bodies sank by {:.3} m in the mean in the trial release: the glued pile sags; use smaller props or \
+                 a broader base",
+                glued.displacement * diameter
+            ),
+        });
     }
-    if glued.anchors_all {
+    if glued.leans {
         warnings.push("the foot is narrow: every body that touches the ground was glued to it".into());
     }
     let share = glued.joints.len() as f64 / glued.contact_pairs.max(1) as f64;
@@ -163,11 +168,14 @@ mod tests {
             (
                 "when the glued pile sinks",
                 Glued { moved: Some(0.0), displacement: 2.0, ..glued.clone() },
-                &["the bodies sank by 0.400 m in the mean in the trial release: the glue does not hold the pile"],
+                &[
+                    "the bodies sank by 0.400 m in the mean in the trial release: the glued pile sags; use smaller props or a \
+                   broader base",
+                ],
             ),
             (
                 "when the foot is narrow",
-                Glued { anchors_all: true, ..glued.clone() },
+                Glued { leans: true, ..glued.clone() },
                 &["the foot is narrow: every body that touches the ground was glued to it"],
             ),
             ("when few pairs are glued", Glued { joints: joints(3), ..glued.clone() }, &[]),

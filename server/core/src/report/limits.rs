@@ -31,15 +31,15 @@ const LIMITS: [(&str, Limit, Shown, &str); 14] = [
         "foot_load",
         Above(300.0),
         whole,
-        "few bodies carry the pile: {} for each at the ground; a wider foot is believed: cut the shape lower, raise \
+        "few bodies carry the pile: {} for each at the ground; this looks wrong: cut the shape lower, raise \
          base.height, or use smaller props",
     ),
     (
         "ground_pull_rel",
         Above(0.1),
         plain,
-        "glue at the ground pulls the pile down with {} of its weight, so that it does not tip over: a wider foot, or \
-         one below its middle, is believed",
+        "glue at the ground pulls the pile down with {} of its weight, so that it does not tip over: this \
+         looks wrong; widen the foot, or put it below the middle of the shape",
     ),
     (
         "stayed_fraction",
@@ -149,15 +149,15 @@ mod tests {
                 "when few carry the pile",
                 "foot_load",
                 412.0,
-                "few bodies carry the pile: 412 for each at the ground; a wider foot is believed: cut the shape \
+                "few bodies carry the pile: 412 for each at the ground; this looks wrong: cut the shape \
                  lower, raise base.height, or use smaller props",
             ),
             (
                 "when the pile would tip over",
                 "ground_pull_rel",
                 0.4,
-                "glue at the ground pulls the pile down with 0.40 of its weight, so that it does not tip over: a \
-                 wider foot, or one below its middle, is believed",
+                "glue at the ground pulls the pile down with 0.40 of its weight, so that it does not tip over: \
+                 this looks wrong; widen the foot, or put it below the middle of the shape",
             ),
             (
                 "when the pile has slumped",

@@ -15,8 +15,9 @@ const MOST: f64 = 0.02;
 const NARROWER: f64 = 0.8;
 /// What comes down stops at this share of that gap.
 const CLOSE: f64 = 0.5;
-/// A group comes down by so much of its thinnest body's thickness at most: farther, it would leave its place.
-const FARTHEST: f64 = 0.5;
+/// A group comes down by so much of its middle body's thickness at most: where one more body finds no room below, the
+/// gap is no wider. Farther, it would leave its place.
+const FARTHEST: f64 = 1.0;
 
 /// What is done about bodies that would hover.
 #[derive(Default)]
@@ -48,7 +49,9 @@ pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
         // Bodies of an earlier pile stay where they lie.
         let groups = sight.groups(&left, gap).into_iter().filter(|group| group.iter().all(|&i| i >= inputs.kept));
         for group in groups {
-            let farthest = FARTHEST * group.iter().map(|&i| thickness[i]).fold(f64::INFINITY, f64::min);
+            let mut all: Vec<f64> = group.iter().map(|&i| thickness[i]).collect();
+            all.sort_by(f64::total_cmp);
+            let farthest = FARTHEST * all[all.len() / 2];
             let before = group.iter().map(|&i| sight.lowered()[i]).fold(0.0, f64::max);
             let down = sight.way_down(&group, CLOSE * gap, ground, farthest - before);
             if let Some(down) = down.filter(|down| *down > 0.0) {

@@ -22,8 +22,6 @@ pub struct Standing {
     pub room: Option<(f64, f64)>,
     /// The scenery around the shape.
     pub around: Option<Surroundings>,
-    /// Area of the shape's lowest part, m^2, where something is below the shape.
-    pub foot: Option<f64>,
     /// What carries the pile moves.
     pub rides: bool,
     pub warnings: Vec<String>,
@@ -51,11 +49,6 @@ const STEEP: f64 = 0.1;
 /// Slopes face one way if their mean direction downhill, as a vector, is at least this long.
 const ONE_WAY: f64 = 0.5;
 
-/// A draft of a pile that is higher than this above its foot in the mean, in d, is tried. Of cubes, three seeds each:
-/// without a trial, blocks and cones of 5 d and less kept .98 to 1 of their shape; of towers, tables, mushrooms and
-/// torsos from 11 d on, half fell.
-const HIGH: f64 = 8.0;
-
 /// Looks at what carries the shape. `diameter`: d, m.
 pub fn of(
     scene: &Scene,
@@ -81,7 +74,6 @@ pub fn of(
     let mut standing = Standing { room: Some(room), ..Standing::default() };
     let lowest = columns.iter().map(|column| column.foot).fold(f64::INFINITY, f64::min);
     let lowest_part = || columns.iter().filter(|column| column.foot <= lowest + LOWEST * diameter);
-    standing.foot = Some(lowest_part().count() as f64 * (grid.spacing() * units.length).powi(2));
     let carried = lowest_part().filter_map(|column| column.carrier).count();
     if carried as f64 > MOST * lowest_part().count() as f64 {
         let pieces = lowest_part().filter_map(|column| Some(around.lowest_of(column.carrier?.piece)));
@@ -212,18 +204,6 @@ impl CheckedScene {
     pub fn room_shares(&self) -> (f64, f64) {
         self.room.unwrap_or((1.0, 1.0))
     }
-
-    /// Whether a glued pile is released on trial.
-    pub fn proves_glue(&self, params: &Params) -> bool {
-        params.glue.proof.is_on(params.accuracy.traits().proves_glue || self.height_above_foot > HIGH)
-    }
-}
-
-/// Mean height of what stands on the foot of a shape, m: its volume over the foot's area, by default the shape's
-/// cross-section not far above the ground. 0 where nothing is below.
-pub fn height_above_foot(control: &ClosedMesh, foot: Option<f64>, ground: f64, diameter: f64) -> f64 {
-    let foot = foot.unwrap_or_else(|| control.mesh.section_area(ground + LOWEST * diameter));
-    if foot > 0.0 { control.mesh.signed_volume() / foot } else { 0.0 }
 }
 
 /// A warning about a small base. The base is the part of the underside within `height` (a share of the mesh's height)

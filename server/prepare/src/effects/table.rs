@@ -73,15 +73,10 @@ pub(super) const ROWS: &[EffectDefinition] = &[
         }
     })
     .seconds(|spent| spent.of(Stage::Glue) - spent.glue_proof),
-    row(GlueProof, ByValue("glue.proof"), &[GlueProofSteps], |c| {
-        let usual = c.params.accuracy.traits().proves_glue;
-        match c.checked.proves_glue(c.params) {
-            _ if !c.glues() => no("nothing is glued"),
-            true if usual => yes("the glued pile is released on trial first, to check that it stands"),
-            true => yes("the pile is high above its foot: it is released on trial first, to check that the glue holds"),
-            false if c.params.glue.proof == Switch::Off => no("the scene switches it off"),
-            false => no("the glued pile is not tried at this accuracy, where it is low above its foot"),
-        }
+    row(GlueProof, ByValue("glue.proof"), &[GlueProofSteps], |c| match c.glues() {
+        true if c.params.glue.proof == Switch::Off => no("the scene switches it off"),
+        true => yes("the glued pile is released on trial first, to check that it stands"),
+        false => no("nothing is glued"),
     })
     .seconds(|spent| spent.glue_proof),
     row(StagedRelease, ByValue("release.order"), &[ReleaseLayers, ReleasedEarly], |c| match c.params.release.order {
