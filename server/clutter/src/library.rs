@@ -3,16 +3,16 @@
 use crate::catalogue::{Catalogue, PlaceEntry, PropEntry, Span};
 use crate::surfaces::Surfaces;
 use crate::view::View;
-use cairn_engine::shape::{self, Shape, hull_mesh};
+use cairn_engine::shape::{Shape, hull_mesh};
 use cairn_engine::units::Units;
 use cairn_engine::world::{WallId, World};
 use cairn_export::{ConvexCover, CoverLimits};
 use cairn_files::Disk;
 use cairn_files::problem::Problem;
 use cairn_input::asset::Limits;
-use cairn_input::observer::Silent;
 use cairn_input::params::{Accuracy, Fill, FrictionModel, Params, Physics};
 use cairn_input::scene::{Prop, Scene, StaticModel};
+use cairn_job::reuse::BakeCache;
 use cairn_job::{Job, Refused};
 use cairn_prepare::effects::Resolved;
 use cairn_prepare::{check, inside};
@@ -52,6 +52,8 @@ pub struct Library {
     pub job: Job,
     /// One per prop, as the engine has it.
     pub shapes: Vec<Shape>,
+    /// How many of them were not in the cache.
+    pub new_shapes: usize,
     pub labels: Vec<String>,
     pub places: Vec<Place>,
     /// `None`: the catalogue asks for nothing that a camera sees.
@@ -67,8 +69,9 @@ pub struct Library {
 }
 
 impl Library {
-    /// Reads all files of a catalogue, or returns all problems.
-    pub fn read(catalogue: Catalogue, limits: Limits) -> Result<Library, Refused> {
+    /// Reads all files of a catalogue, or returns all problems. Collision shapes come from the cache, as far as they are
+    /// there: they take longest.
+    pub fn read(catalogue: Catalogue, limits: Limits, cache: &BakeCache) -> Result<Library, Refused> {
         let given = scene(&catalogue)?;
         let named = |refused: Refused| Refused {
             problems: refused.problems.into_iter().map(of_catalogue).collect(),
@@ -88,7 +91,7 @@ impl Library {
             other => refused(vec![Problem::from(other.to_string())]),
         };
         let checked = check::run(&job.scene, &params).map_err(|found| core(cairn_core::Error::Invalid(found)))?;
-        let shapes = shape::run(&job.scene, &params, &checked.sizes, &mut Silent).map_err(core)?;
+        let (shapes, new_shapes) = cache.shapes(&job.scene, &params, &checked.sizes).map_err(core)?;
         let summaries: Vec<_> = shapes.iter().map(Shape::summary).collect();
         let resolved = Resolved::new(&job.scene, &params, &checked, &summaries);
         let units = Units::new(checked.diameter, middle_mass(&job.scene.props, &shapes), params.gravity);
@@ -108,7 +111,20 @@ impl Library {
         }
         let hash = hash(&catalogue, &job);
         let view = View::new(&catalogue, &job.scene);
-        Ok(Library { catalogue, job, shapes, labels, places, view, units, params, physics, thickness, hash })
+        Ok(Library {
+            catalogue,
+            job,
+            shapes,
+            new_shapes,
+            labels,
+            places,
+            view,
+            units,
+            params,
+            physics,
+            thickness,
+            hash,
+        })
     }
 
     /// What is not as in the files, one sentence each.
