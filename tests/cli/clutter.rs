@@ -74,6 +74,34 @@ fn a_layout_is_the_same_whatever_else_is_made() {
     );
 }
 
+/// A collision shape is made once: not again by the processes that make layouts, by later runs, or for another place.
+#[test]
+fn shapes_are_made_once() {
+    let desk = desk();
+    let new = |args: &str, has_cache: bool| {
+        let line = format!("clutter catalogue.toml -n 4 --jobs 2 {args} --sheet 0 --progress none");
+        let mut command = desk.command(&line.split_whitespace().collect::<Vec<_>>());
+        if has_cache {
+            command.env_remove("CAIRN_NO_CACHE").env("CAIRN_CACHE", desk.path("cache"));
+        }
+        Done::of(command.output().unwrap()).ok();
+        let folder = args.split_whitespace().last().unwrap();
+        let card = text(&desk, &format!("{folder}/README.md"));
+        let (_, rest) = card.split_once("Collision shapes that were new: ").unwrap();
+        rest.split_once(" of 2.").unwrap().0.parse::<u32>().unwrap()
+    };
+    assert_eq!(new("-o none", false), 2, "without a cache, one of this run");
+    assert_eq!(new("-o first", true), 2);
+    assert_eq!(new("-o again", true), 0);
+    for folder in ["first", "again"] {
+        assert_eq!(text(&desk, &format!("{folder}/layouts.jsonl")), text(&desk, "none/layouts.jsonl"));
+    }
+    let other = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/assets/desk.glb");
+    std::fs::copy(other, desk.path("desk.glb")).unwrap();
+    desk.write("catalogue.toml", CATALOGUE.replace("bin.glb", "desk.glb").replace("label", "weight = 2\nlabel"));
+    assert_eq!(new("-o desk", true), 0);
+}
+
 /// A table without walls loses bodies: they are counted, the others stay, and there are as many as the catalogue asks
 /// for. Figures of the camera stand in the lines, in the card, and only where they are asked for.
 #[test]
@@ -129,6 +157,7 @@ fn a_crash_costs_one_layout() {
 fn faults_of_the_system_leave_whole_lines() {
     let desk = desk();
     run(&desk, "-n 4 -o out", "clutter-folder=return(ENOSPC)").fails(75, &["cannot be written"]);
+    run(&desk, "-n 4 -o out", "clutter-shapes=return(ENOSPC)").fails(75, &["cannot be written"]);
     run(&desk, "-n 4 -o out", "clutter-open=return(EACCES)").fails(65, &["cannot be written"]);
     run(&desk, "-n 4 -o out", "clutter-spawn=return(ENOMEM)").fails(75, &["no process could be started"]);
     run(&desk, "-n 4 -o out --jobs 1", "clutter-write=2*off->1*return(ENOSPC)").fails(75, &["cannot be written"]);

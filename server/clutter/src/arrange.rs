@@ -7,6 +7,7 @@ use crate::Library;
 use crate::catalogue::{Arrangement, StartPose};
 use crate::draw::Drawn;
 use crate::height_map::{HeightMap, Spot};
+use crate::pile::Pile;
 use crate::surfaces::Surfaces;
 use cairn_engine::shape::{Shape, Solid, corners};
 use cairn_geometry::mesh::bounds;
@@ -54,27 +55,59 @@ struct Taken {
 
 /// Where all bodies begin; those for which no room was found are left out.
 pub fn arrange(library: &Library, drawn: &Drawn, rng: &mut Pcg64Mcg) -> Vec<Start> {
-    let surfaces = &library.places[drawn.place].surfaces;
-    let gap = GAP * library.units.length;
-    let aside = if surfaces.has_walls { 0.0 } else { FROM_EDGE * library.units.length };
-    let mut map = HeightMap::new(surfaces, library.units.length, aside);
-    let mut taken: Vec<Taken> = Vec::new();
-    let mut starts = Vec::new();
-    for (number, &(prop, scale)) in drawn.bodies.iter().enumerate() {
+    Room::new(library, drawn).put(drawn.bodies.iter().copied().enumerate(), rng)
+}
+
+/// Where more bodies begin, among those that are there.
+pub fn add(pile: &Pile, bodies: &[(usize, f64)], rng: &mut Pcg64Mcg) -> Vec<Start> {
+    let mut room = Room::new(pile.library, pile.drawn);
+    pile.world.present().for_each(|id| room.keep(&pile.start_now(id)));
+    room.put((pile.starts.len()..).zip(bodies.iter().copied()), rng)
+}
+
+/// The room of a place, and the bodies in it.
+struct Room<'a> {
+    library: &'a Library,
+    drawn: &'a Drawn,
+    surfaces: &'a Surfaces,
+    map: HeightMap,
+    taken: Vec<Taken>,
+}
+
+impl Room<'_> {
+    fn new<'a>(library: &'a Library, drawn: &'a Drawn) -> Room<'a> {
+        let surfaces = &library.places[drawn.place].surfaces;
+        let aside = if surfaces.has_walls { 0.0 } else { FROM_EDGE * library.units.length };
+        let map = HeightMap::new(surfaces, library.units.length, aside);
+        Room { library, drawn, surfaces, map, taken: Vec::new() }
+    }
+
+    /// Keeps the room of a body that is there.
+    fn keep(&mut self, body: &Start) {
+        let Pose { translation, rotation } = body.pose;
+        let shape = &self.library.shapes[body.prop];
+        let about = Pose { translation: DVec3::ZERO, rotation };
+        let corners: Vec<DVec3> = outer_corners(shape, body.scale, &about);
+        if let Some(surface) = self.surfaces.surface_below(translation) {
+            self.map.keep(&corners, surface, translation);
+            self.taken.push(Taken { surface, place: [translation.x, translation.z] });
+        }
+    }
+
+    /// Puts bodies down, each a number, a prop and a scale.
+    fn put(&mut self, bodies: impl Iterator<Item = (usize, (usize, f64))>, rng: &mut Pcg64Mcg) -> Vec<Start> {
+        bodies.filter_map(|(number, (prop, scale))| self.put_one(number, prop, scale, rng)).collect()
+    }
+
+    fn put_one(&mut self, number: usize, prop: usize, scale: f64, rng: &mut Pcg64Mcg) -> Option<Start> {
+        let Room { library, drawn, surfaces, map, taken } = self;
+        let gap = GAP * library.units.length;
         let shape = &library.shapes[prop];
         let pose = if drawn.arrangement == Arrangement::Stacked { StartPose::Flat } else { drawn.pose };
         let rotation = rotation(shape, pose, rng);
         let about = Pose { translation: DVec3::ZERO, rotation };
-        let mut all: Vec<DVec3> = corners(shape, scale, &about).collect();
+        let all = outer_corners(shape, scale, &about);
         let (low, high) = bounds(all.iter().copied());
-        if matches!(shape.solid, Solid::Ball { .. }) {
-            // These six points leave out most of its outline.
-            all = [low, high]
-                .iter()
-                .flat_map(|one| [low, high].map(|other| DVec3::new(one.x, other.y, other.z)))
-                .collect();
-            all.extend([DVec3::new(low.x, low.y, high.z), DVec3::new(high.x, high.y, low.z)]);
-        }
         let outline = map.outline(&all, [rng.random::<f64>(), rng.random::<f64>()]);
         let wanted = match drawn.arrangement {
             Arrangement::Scattered => 0,
@@ -84,7 +117,7 @@ pub fn arrange(library: &Library, drawn: &Drawn, rng: &mut Pcg64Mcg) -> Vec<Star
         let mut best: Option<Spot> = None;
         let mut found = 0;
         for draw in 0..if wanted > 0 { DRAWS } else { 0 } {
-            let (surface, point) = spot(surfaces, drawn.arrangement, &taken, high - low, draw, rng);
+            let (surface, point) = spot(surfaces, drawn.arrangement, taken, high - low, draw, rng);
             let Some(spot) = map.at(&outline, surface, point, gap, f64::INFINITY) else { continue };
             if best.is_none_or(|best| spot.above < best.above) {
                 best = Some(spot);
@@ -95,13 +128,26 @@ pub fn arrange(library: &Library, drawn: &Drawn, rng: &mut Pcg64Mcg) -> Vec<Star
             }
         }
         let [first, stride] = [rng.random::<u32>(), rng.random::<u32>()].map(|n| n as usize);
-        let Some(spot) = best.or_else(|| map.search(&outline, gap, first, stride)) else { continue };
+        let spot = best.or_else(|| map.search(&outline, gap, first, stride))?;
         let place = map.put(&outline, &spot);
         taken.push(Taken { surface: spot.surface, place });
         let translation = DVec3::new(place[0], spot.bottom - low.y, place[1]);
-        starts.push(Start { drawn: number, prop, scale, pose: Pose { translation, rotation } });
+        Some(Start { drawn: number, prop, scale, pose: Pose { translation, rotation } })
     }
-    starts
+}
+
+/// Points around which a body's outline is that of their hull.
+fn outer_corners(shape: &Shape, scale: f64, about: &Pose) -> Vec<DVec3> {
+    let all: Vec<DVec3> = corners(shape, scale, about).collect();
+    if !matches!(shape.solid, Solid::Ball { .. }) {
+        return all;
+    }
+    // These six points leave out most of its outline.
+    let (low, high) = bounds(all.iter().copied());
+    let mut all: Vec<DVec3> =
+        [low, high].iter().flat_map(|one| [low, high].map(|other| DVec3::new(one.x, other.y, other.z))).collect();
+    all.extend([DVec3::new(low.x, low.y, high.z), DVec3::new(high.x, high.y, low.z)]);
+    all
 }
 
 /// A surface, and a point on it: x, z.

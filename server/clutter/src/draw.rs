@@ -12,8 +12,9 @@ const PACKING: f64 = 0.4;
 /// Bodies of a layout where the catalogue does not say.
 const USUAL_COUNT: [f64; 2] = [10.0, 20.0];
 /// Share of the bodies that begin beyond those that are to stay, where nothing keeps them in: some leave, or are taken
-/// away. With 0.12, every second table of 50 was drawn again, since fewer than 50 were left; with 0.2, every third.
-const SPARE: f64 = 0.2;
+/// away. Others take their place where too few are left, but then all is shaken again: of shelves of 100, every second
+/// one with 0.2, every third with 0.3.
+const SPARE: f64 = 0.25;
 /// The same where bodies begin on each other.
 const SPARE_ON_OTHERS: f64 = 0.3;
 /// The same between walls, as far as the range of counts leaves no room below.
@@ -58,10 +59,6 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
     let pose = poses[first.random_range(0..poses.len())];
     let props = &library.scene().props;
     let mut bodies = Vec::new();
-    let next = |rng: &mut Pcg64Mcg| {
-        let prop = by_weight(props.iter().map(|prop| prop.weight), rng);
-        (prop, scale(&props[prop], rng))
-    };
     let found = &library.places[place];
     let (wanted, range) = match (found.level, found.volume) {
         (Some(level), Some(volume)) => {
@@ -70,7 +67,7 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
             let wanted = PACKING * share * volume;
             let mut filled = 0.0;
             while bodies.len() < MOST_BODIES as usize {
-                let (prop, scale) = next(rng);
+                let (prop, scale) = draw_body(library, rng);
                 filled += library.shapes[prop].volume * scale.powi(3);
                 if filled > wanted && !bodies.is_empty() {
                     break;
@@ -89,7 +86,7 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
                 false if arrangement == Arrangement::Scattered => spare(SPARE),
                 false => spare(SPARE_ON_OTHERS),
             };
-            bodies.extend((0..count + more).map(|_| next(rng)));
+            bodies.extend((0..count + more).map(|_| draw_body(library, rng)));
             (count, range)
         }
     };
@@ -104,6 +101,18 @@ pub fn draw(library: &Library, number: u64, rng: &mut Pcg64Mcg) -> Drawn {
         })
     });
     Drawn { place, arrangement, pose, bodies, wanted, range, target }
+}
+
+/// Draws as many more bodies.
+pub fn draw_more(library: &Library, count: usize, rng: &mut Pcg64Mcg) -> Vec<(usize, f64)> {
+    (0..count).map(|_| draw_body(library, rng)).collect()
+}
+
+/// A prop and a scale.
+fn draw_body(library: &Library, rng: &mut Pcg64Mcg) -> (usize, f64) {
+    let props = &library.scene().props;
+    let prop = by_weight(props.iter().map(|prop| prop.weight), rng);
+    (prop, scale(&props[prop], rng))
 }
 
 /// An index, drawn by weight.

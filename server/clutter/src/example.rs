@@ -2,6 +2,7 @@
 
 use crate::{Catalogue, Library};
 use cairn_input::asset::Limits;
+use cairn_job::reuse::BakeCache;
 use std::path::Path;
 
 const PROPS: &str = "count = [4, 6]\n[[props]]\npath = \"../assets/brick.glb\"\n\
@@ -11,5 +12,5 @@ const PROPS: &str = "count = [4, 6]\n[[props]]\npath = \"../assets/brick.glb\"\n
 pub fn library(settings: &str) -> Library {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/clutter/test.toml");
     let catalogue = Catalogue::parse(&path, &format!("{settings}\n{PROPS}")).unwrap();
-    Library::read(catalogue, Limits::default()).map_err(|refused| refused.problems).unwrap()
+    Library::read(catalogue, Limits::default(), &BakeCache::none()).map_err(|refused| refused.problems).unwrap()
 }

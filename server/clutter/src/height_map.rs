@@ -187,6 +187,22 @@ impl HeightMap {
         best
     }
 
+    /// Closes the room below a body that is there. `corners`: about its place, `at`.
+    pub fn keep(&mut self, corners: &[DVec3], surface: usize, at: DVec3) {
+        let cell = [at.x - self.origin[0], at.z - self.origin[1]].map(|way| way / self.cell);
+        let outline = self.outline(corners, cell.map(|at| at - at.floor()));
+        let [x, z] = cell.map(|at| at.floor() as i64);
+        let top = at.y + corners.iter().map(|corner| corner.y).fold(f64::NEG_INFINITY, f64::max);
+        let [width, depth] = self.size.map(|count| count as i64);
+        for &(row, first, last) in &outline.rows {
+            let (row, first, last) = (z + row, (x + first).max(0), (x + last).min(width - 1));
+            if (0..depth).contains(&row) && first <= last {
+                let cells = (row * width + first) as usize..=(row * width + last) as usize;
+                self.tops[surface][cells].iter_mut().for_each(|cell| *cell = cell.max(top));
+            }
+        }
+    }
+
     /// Puts a body down, and returns where its place is: x, z.
     pub fn put(&mut self, outline: &Outline, spot: &Spot) -> [f64; 2] {
         let top = spot.bottom + outline.height;

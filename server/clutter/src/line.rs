@@ -172,7 +172,7 @@ fn attempt_at(
     if !is_enough(&drawn, &starts) {
         return Ok(Err((drawn, Rejection::NoRoom)));
     }
-    let settled = match settle(library, &drawn, &starts, gates.any) {
+    let settled = match settle(library, &drawn, &starts, gates.any, &mut rng) {
         Ok(settled) => settled,
         Err(why) => return Ok(Err((drawn, why))),
     };

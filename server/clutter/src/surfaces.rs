@@ -206,12 +206,16 @@ impl Surfaces {
 
     /// Whether a point is above a surface and below what is over it.
     pub fn contains(&self, p: DVec3) -> bool {
+        self.surface_below(p).is_some()
+    }
+
+    /// The surface above which a point is, below what is over it.
+    pub fn surface_below(&self, p: DVec3) -> Option<usize> {
         let [x, z] = [(p.x - self.origin[0]) / self.cell, (p.z - self.origin[1]) / self.cell];
         let is_inside = x >= 0.0 && z >= 0.0 && x < self.size[0] as f64 && z < self.size[1] as f64;
-        is_inside
-            && self.lines[z as usize * self.size[0] + x as usize]
-                .iter()
-                .any(|stretch| (stretch.low - BELOW * self.cell..=stretch.high).contains(&p.y))
+        let line = is_inside.then(|| &self.lines[z as usize * self.size[0] + x as usize])?;
+        let is_here = |stretch: &&Stretch| (stretch.low - BELOW * self.cell..=stretch.high).contains(&p.y);
+        line.iter().find(is_here).map(|stretch| stretch.surface)
     }
 }
 

@@ -1,19 +1,23 @@
-//! The cache of earlier bakes: collision shapes, fills and whole bakes, by the hash of everything that they depend on.
+//! The cache of earlier bakes: fills with their collision shapes, collision shapes alone, and whole bakes, by the hash of everything that they depend on.
 //!
 //! The cache never changes a result, only the time that it takes. Entries that cannot be read are computed again, and
 //! entries that cannot be written are skipped.
 
 use cairn_core::cache::{self, CachedFill, FillInputs};
 use cairn_core::report::bake::Bake;
+use cairn_engine::shape::{Shape, Size};
 use cairn_files::failpoints;
-use cairn_input::params::Params;
-use cairn_input::scene::Scene;
+use cairn_input::error::{Error, SceneProblem};
+use cairn_input::params::{Params, Physics};
+use cairn_input::scene::{Model, Prop, Scene};
 use cairn_wire::versions::versions;
 use etcetera::BaseStrategy;
+use rayon::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::SystemTime;
 
 /// Total size of all entries, bytes. The oldest are removed first.
@@ -39,6 +43,11 @@ impl BakeCache {
 
     pub fn at(folder: &Path) -> BakeCache {
         BakeCache { folder: Some(folder.to_owned()) }
+    }
+
+    /// Its folder, if it has one that can be written.
+    pub fn folder(&self) -> Option<&Path> {
+        self.folder.as_deref().filter(|_| self.fault().is_none())
     }
 
     /// Why the folder cannot be written, if so.
@@ -80,6 +89,29 @@ impl BakeCache {
         }
     }
 
+    /// The collision shapes of a scene's props: those that are here, and new ones, which are kept. Also how many are
+    /// new.
+    pub fn shapes(&self, scene: &Scene, params: &Params, sizes: &[Size]) -> Result<(Vec<Shape>, usize), Error> {
+        let made = AtomicUsize::new(0);
+        let shape = |(i, (prop, &size)): (usize, (&Prop, &Size))| {
+            let key = self.folder.as_ref().and_then(|_| key("shape", &ShapeInputs::new(prop, size, &params.physics)));
+            if let Some(found) = key.as_ref().and_then(|key| self.read(key)) {
+                return Ok(found);
+            }
+            made.fetch_add(1, Ordering::Relaxed);
+            let shape = Shape::new(prop, size, &params.physics)
+                .map_err(|text| Error::Invalid(vec![SceneProblem::new(format!("props.{i}"), text)]))?;
+            if let Some(key) = &key {
+                self.write(key, &shape);
+            }
+            Ok(shape)
+        };
+        let pairs: Vec<_> = scene.props.iter().zip(sizes).enumerate().collect();
+        let shapes: Vec<Result<Shape, Error>> = pairs.into_par_iter().map(shape).collect();
+        // The first error, not that of the fastest thread.
+        Ok((shapes.into_iter().collect::<Result<_, _>>()?, made.into_inner()))
+    }
+
     fn read<T: DeserializeOwned>(&self, key: &str) -> Option<T> {
         let bytes = std::fs::read(self.folder.as_ref()?.join(key)).ok()?;
         let (hash, content) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
@@ -99,6 +131,23 @@ impl BakeCache {
         if failpoints::at("cache-write").is_ok() && write(folder, key, &content).is_ok() {
             trim(folder);
         }
+    }
+}
+
+/// All that a collision shape depends on.
+#[derive(Serialize)]
+struct ShapeInputs<'a> {
+    model: &'a Model,
+    mesh_deviation: f64,
+    density: f64,
+    size: Size,
+    physics: &'a Physics,
+}
+
+impl<'a> ShapeInputs<'a> {
+    fn new(prop: &'a Prop, size: Size, physics: &'a Physics) -> ShapeInputs<'a> {
+        let Prop { model, mesh_deviation, density, .. } = prop;
+        ShapeInputs { model, mesh_deviation: *mesh_deviation, density: *density, size, physics }
     }
 }
 

@@ -21,8 +21,15 @@ use std::sync::{Arc, OnceLock};
 pub struct Hull {
     unit: Arc<UnitHull>,
     scale: f32,
-    /// As the engine has it; made when it is asked for.
-    solid: Arc<OnceLock<ConvexPolyhedron>>,
+    solid: Arc<Solid>,
+}
+
+/// A hull as the engine has it: made when it is asked for.
+#[derive(Debug, Default)]
+struct Solid {
+    polyhedron: OnceLock<ConvexPolyhedron>,
+    /// Of density 1: each sweep of continuous collision asks for it again.
+    mass: OnceLock<MassProperties>,
 }
 
 /// A hull at the size of the points that it was made from.
@@ -65,7 +72,9 @@ impl Hull {
         if self.scale == 1.0 {
             return unit;
         }
-        self.solid.get_or_init(|| unit.clone().scaled(Vector::splat(self.scale)).unwrap_or_else(|| unit.clone()))
+        self.solid
+            .polyhedron
+            .get_or_init(|| unit.clone().scaled(Vector::splat(self.scale)).unwrap_or_else(|| unit.clone()))
     }
 
     pub fn points(&self) -> &[Vector] {
@@ -164,7 +173,10 @@ impl Shape for Hull {
     }
 
     fn mass_properties(&self, density: f32) -> MassProperties {
-        self.solid().mass_properties(density)
+        if density != 1.0 {
+            return self.solid().mass_properties(density);
+        }
+        *self.solid.mass.get_or_init(|| self.solid().mass_properties(density))
     }
 
     fn is_convex(&self) -> bool {

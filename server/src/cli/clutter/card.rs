@@ -207,12 +207,12 @@ fn card(args: &Args, library: &Library, lines: &Path, file: &LinesFile, counts: 
     }
     let share = counts.may_leave as f64 / counts.bodies.max(1) as f64;
     text += &format!("\nOf the bodies, {:.0} % are proven to be safe to remove.\n", 100.0 * share);
-    let Spent { seconds, made, memory } = file.spent;
+    let Spent { seconds, made, memory, new_shapes } = file.spent;
     if made > 0 {
         let mean = seconds / made as f64;
         text += &format!("\nOf those made last, a layout took {mean:.3} CPU s in the mean");
         text += &memory.map_or(String::new(), |bytes| format!(", and a process {} MB", bytes / 1_000_000));
-        text += ".\n";
+        text += &format!(". Collision shapes that were new: {new_shapes} of {}.\n", library.shapes.len());
     }
     text += "\n## Licenses\n\n| model | license |\n| --- | --- |\n";
     let props = library.catalogue.props.iter().map(|prop| (&prop.path, &prop.license));

@@ -28,6 +28,8 @@ pub struct Spent {
     pub made: u64,
     /// Peak of a process's memory, bytes.
     pub memory: Option<u64>,
+    /// Collision shapes that were not in the cache: made by this process or by another one.
+    pub new_shapes: usize,
 }
 
 #[derive(Deserialize)]

@@ -7,7 +7,8 @@ mod overview;
 mod pool;
 mod worker;
 
-use super::bounds::Bounds;
+use super::bounds::{self, Bounds};
+use super::cache_args::CacheArgs;
 use super::progress::{self, Mode};
 use super::{Failure, interrupt, print, print_error, print_note};
 use crate::batch::Span;
@@ -15,12 +16,14 @@ use cairn_clutter::line::Gates;
 use cairn_clutter::{Catalogue, Library, assets, line};
 use cairn_files::failpoints;
 use cairn_files::problem::Problem;
+use cairn_job::reuse::BakeCache;
 use lines_file::{LinesFile, Spent};
 use overview::ClutterProgress;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use tempfile::TempDir;
 
 /// Makes settled layouts of props on trays, in bins, on shelves and tables: lines of JSON
 ///
@@ -83,11 +86,14 @@ pub struct Args {
     pub progress: Mode,
 
     #[command(flatten)]
+    cache: CacheArgs,
+
+    #[command(flatten)]
     bounds: Bounds,
 
-    /// Makes the layouts whose numbers come on the standard input
-    #[arg(long, hide = true)]
-    worker: bool,
+    /// Makes the layouts whose numbers come on the standard input, of collision shapes that are in this folder
+    #[arg(long, value_name = "FOLDER", hide = true)]
+    worker: Option<PathBuf>,
 }
 
 /// What a layout must stand in.
@@ -112,15 +118,16 @@ impl Args {
         format!("stands {}{}", stands.join(","), if self.no_removals { ", no removals" } else { "" })
     }
 
-    /// The arguments of a worker.
-    fn of_worker(&self) -> Vec<OsString> {
+    /// The arguments of a worker. `shapes`: the folder that has its collision shapes.
+    fn of_worker(&self, shapes: &Path) -> Vec<OsString> {
         let stands = self.stands.iter().map(|gate| match gate {
             Stands::Any => "any",
             Stands::Mujoco => "mujoco",
             Stands::None => "none",
         });
         let stands = format!("--stands={}", stands.collect::<Vec<_>>().join(","));
-        let mut args: Vec<OsString> = vec!["clutter".into(), self.catalogue.clone().into(), "--worker".into()];
+        let mut args: Vec<OsString> = vec!["clutter".into(), self.catalogue.clone().into()];
+        args.extend(["--worker".into(), shapes.into()]);
         args.extend(["-n".into(), self.number.to_string().into(), "-o".into(), self.output.clone().into()]);
         args.extend([stands.into(), "--python".into(), self.python.clone().into()]);
         args.extend(self.no_removals.then_some("--no-removals".into()));
@@ -130,12 +137,14 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if args.worker {
-        return worker::run(args);
+    if let Some(shapes) = &args.worker {
+        return worker::run(args, shapes);
     }
     interrupt::listen();
+    bounds::use_threads(0)?;
     let (first, last) = part(args)?;
-    let library = read(args)?;
+    let shapes = ShapeFolder::open(&args.cache)?;
+    let library = read(args, &BakeCache::at(shapes.path()))?;
     library.notes().iter().for_each(|note| print_note(note));
     if args.stands.contains(&Stands::Mujoco) {
         judge::check(&args.python)?;
@@ -145,7 +154,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut file = LinesFile::open(&path, first).map_err(|error| Failure::write(&path, &error))?;
     let before = file.next() - first;
     if file.next() <= last {
-        make(args, &library, &mut file, last)?;
+        make(args, &library, shapes.path(), &mut file, last)?;
     }
     if interrupt::is_requested() {
         let count = file.next() - first;
@@ -165,9 +174,33 @@ fn part(args: &Args) -> Result<(u64, u64), Failure> {
     Ok((first, last.min(args.number - 1)))
 }
 
-fn read(args: &Args) -> Result<Library, Failure> {
+/// The folder in which this process leaves collision shapes for those that make layouts.
+enum ShapeFolder {
+    Cache(PathBuf),
+    /// There is no cache; it goes with this.
+    OfThisRun(TempDir),
+}
+
+impl ShapeFolder {
+    fn open(cache: &CacheArgs) -> Result<ShapeFolder, Failure> {
+        if let Some(folder) = cache.open().folder() {
+            return Ok(ShapeFolder::Cache(folder.to_owned()));
+        }
+        let folder = failpoints::at("clutter-shapes").and_then(|()| tempfile::tempdir());
+        folder.map(ShapeFolder::OfThisRun).map_err(|error| Failure::write(&std::env::temp_dir(), &error))
+    }
+
+    fn path(&self) -> &Path {
+        match self {
+            ShapeFolder::Cache(path) => path,
+            ShapeFolder::OfThisRun(folder) => folder.path(),
+        }
+    }
+}
+
+fn read(args: &Args, shapes: &BakeCache) -> Result<Library, Failure> {
     let catalogue = Catalogue::read(&args.catalogue).map_err(Failure::Input)?;
-    let read = || Library::read(catalogue, args.bounds.limits());
+    let read = || Library::read(catalogue, args.bounds.limits(), shapes);
     progress::while_reading(args.progress, read).map_err(Failure::Refused)
 }
 
@@ -197,22 +230,23 @@ fn prepare_folder(args: &Args, library: &Library) -> Result<(), Failure> {
     cairn_files::write_atomically(&path, text.as_bytes()).map_err(|error| Failure::write(&path, &error))
 }
 
-fn make(args: &Args, library: &Library, file: &mut LinesFile, last: u64) -> Result<(), Failure> {
+fn make(args: &Args, library: &Library, shapes: &Path, file: &mut LinesFile, last: u64) -> Result<(), Failure> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
     let mut progress = ClutterProgress::new(args.progress, file.next(), last);
     let task = pool::Task {
-        args: args.of_worker(),
+        args: args.of_worker(shapes),
         numbers: file.next()..=last,
         workers: jobs,
         timeout: Duration::from_secs(args.timeout),
     };
-    let (mut failure, mut spent) = (None, Spent::default());
+    let (mut failure, mut spent) = (None, Spent { new_shapes: library.new_shapes, ..Spent::default() });
     pool::work(&task, |number, made| {
         let text = match made {
             Ok(made) => {
                 spent.seconds += made.seconds;
                 spent.memory = spent.memory.max(made.memory);
+                spent.new_shapes += made.new_shapes;
                 made.line.get().to_owned()
             }
             Err(why) => serde_json::to_string(&line::lost(library, number, &why)).unwrap_or_default(),

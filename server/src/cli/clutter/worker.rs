@@ -8,14 +8,18 @@ use cairn_clutter::line::{Judge, Line, make};
 use cairn_clutter::{Catalogue, Library};
 use cairn_files::failpoints;
 use cairn_job::machine;
+use cairn_job::reuse::BakeCache;
 use serde_json::json;
 use std::io::{BufRead, Write};
+use std::path::Path;
 
-pub fn run(args: &Args) -> Result<(), Failure> {
+/// `shapes`: the folder that has its collision shapes.
+pub fn run(args: &Args, shapes: &Path) -> Result<(), Failure> {
     // Layouts are small: each process makes one at a time, and all of them together use the machine.
     bounds::use_threads(1)?;
     let catalogue = Catalogue::read(&args.catalogue).map_err(Failure::Input)?;
-    let library = Library::read(catalogue, args.bounds.limits()).map_err(Failure::Refused)?;
+    let library = Library::read(catalogue, args.bounds.limits(), &BakeCache::at(shapes)).map_err(Failure::Refused)?;
+    let mut new_shapes = library.new_shapes;
     let mut mujoco = match args.stands.contains(&Stands::Mujoco) {
         true => Some(Mujoco::start(&args.python, &args.output.join(super::ASSETS)).map_err(Failure::Internal)?),
         false => None,
@@ -30,7 +34,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let answer = match make(&library, number, args.gates(), judge) {
             Ok(line) => {
                 let seconds = machine::cpu_seconds() - began;
-                json!({ "line": line, "seconds": seconds, "memory": machine::peak_memory() })
+                // Once.
+                let new_shapes = std::mem::take(&mut new_shapes);
+                json!({ "line": line, "seconds": seconds, "memory": machine::peak_memory(), "new_shapes": new_shapes })
             }
             Err(why) => json!({ "error": why }),
         };

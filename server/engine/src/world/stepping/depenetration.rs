@@ -54,6 +54,12 @@ impl World {
         ended.map(|()| steps)
     }
 
+    /// From now on, steps are this long, characteristic times, and contacts as stiff as these.
+    pub fn use_step_and_contacts_of(&mut self, step: f64, physics: &Physics, thickness: f64) {
+        self.engine.integration_parameters.dt = step as f32;
+        self.use_contacts_of(physics, thickness);
+    }
+
     /// From now on, contacts are as stiff as these.
     pub fn use_contacts_of(&mut self, physics: &Physics, thickness: f64) {
         let parameters = &mut self.engine.integration_parameters;
