@@ -42,9 +42,12 @@ def notes(scene, frames, metres):
     apart = max(_apart(pairs, set(range(len(places))), blocked), _apart(pairs, below, blocked), key=len)
     names = {blocked[one].name for one in apart if one in blocked}
     through = " and ".join(f"“{name}”" for name in sorted(names)[:3])
-    lie = "lies" if len(apart) == 1 else "lie"
-    text = f"{len(apart)} of {len(places)} bodies {lie} behind {through}, apart from the others: the shape reaches through. "
-    return [f"{text}Move the shape off the wall, if nothing should lie there"] if apart else []
+    verb = "lies" if len(apart) == 1 else "lie"
+    text = (
+        f"{len(apart)} of {len(places)} bodies {verb} behind {through}, apart from the others: "
+        "the shape reaches through. Move the shape off the wall, if nothing should lie there"
+    )
+    return [text] if apart else []
 
 
 def _apart(pairs, which, blocked):
