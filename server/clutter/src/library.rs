@@ -26,8 +26,8 @@ use std::sync::Arc;
 /// diameter.
 const PLATE: f64 = 0.05;
 /// Bodies come to rest, and are tried, with this share of the friction that they have while they fall and the ground
-/// tilts: with all of it, a body stays on a slope of 3 degrees, and creeps down it by a millimeter a second in MuJoCo. So
-/// did one of 25 to 50 shelves.
+/// tilts: with all of it, a body stays on a slope of 3 degrees, and creeps down it by a millimeter a second in MuJoCo.
+/// So did one of 25 to 50 shelves.
 const REST_FRICTION: f64 = 0.5;
 /// Solids of a place at most.
 const MOST_SOLIDS: usize = 4000;
@@ -73,8 +73,8 @@ pub struct Library {
 }
 
 impl Library {
-    /// Reads all files of a catalogue, or returns all problems. Collision shapes come from the cache, as far as they are
-    /// there: they take longest.
+    /// Reads all files of a catalogue, or returns all problems. Collision shapes come from the cache, as far as they
+    /// are there: they take longest.
     pub fn read(catalogue: Catalogue, limits: Limits, cache: &BakeCache) -> Result<Library, Refused> {
         let given = scene(&catalogue)?;
         let named = |refused: Refused| Refused {

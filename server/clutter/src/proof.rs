@@ -20,8 +20,8 @@ pub const TRIAL: f64 = 2.0;
 const SOFT_FREQUENCY: f64 = 7.0;
 const SOFT_SUBSTEPS: u32 = 4;
 /// A body may move by this much in a trial, in the median prop's diameter: soft contacts sink in. Of 1,000 layouts of
-/// household objects within half as much more, 983 moved by less than 2 mm in MuJoCo; without a bound, nine of ten. What
-/// moves by more sways: a bar on a brick on a bar swung by 3 mm.
+/// household objects within half as much more, 983 moved by less than 2 mm in MuJoCo; without a bound, nine of ten.
+/// What moves by more sways: a bar on a brick on a bar swung by 3 mm.
 pub const MOST_DRIFT: f64 = 0.002;
 /// What is nearer than this touches on softer contacts, m: bodies sink into those of MuJoCo by about as much.
 const TOUCHING: f64 = 1e-4;

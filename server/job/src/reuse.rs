@@ -1,4 +1,5 @@
-//! The cache of earlier bakes: fills with their collision shapes, collision shapes alone, and whole bakes, by the hash of everything that they depend on.
+//! The cache of earlier bakes: fills with their collision shapes, collision shapes alone, and whole bakes, by the hash
+//! of everything that they depend on.
 //!
 //! The cache never changes a result, only the time that it takes. Entries that cannot be read are computed again, and
 //! entries that cannot be written are skipped.

@@ -33,7 +33,7 @@ pub struct Made {
     pub seconds: f64,
     /// Peak of the process's memory so far, bytes.
     pub memory: Option<u64>,
-    /// Collision shapes that the process had to make, told once.
+    /// Collision shapes that the process had to make, stated once.
     pub new_shapes: usize,
 }
 
