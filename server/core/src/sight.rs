@@ -40,8 +40,9 @@ impl<'a> SeenBodies<'a> {
     }
 }
 
-/// The bodies that are seen to hang at these poses of a pile, engine units: no chain of meshes that touch leads from them
-/// to what was fixed or stood on something fixed at its start, nor to the ground, if there is one at this height, m.
+/// The bodies that are seen to hang at these poses of a pile, engine units: no chain of meshes that touch leads from
+/// them to what was fixed or stood on something fixed at its start, nor to the ground, if there is one at this height,
+/// m.
 pub fn hanging(pile: &Pile, poses: &[Option<Pose>], params: &Params, ground: Option<f64>) -> BTreeSet<BodyId> {
     let units = &pile.world.units;
     let present: Vec<(BodyId, Pose)> = poses.iter().enumerate().filter_map(|(id, pose)| Some((id, (*pose)?))).collect();

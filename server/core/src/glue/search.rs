@@ -112,8 +112,8 @@ impl<'p, 'a> Search<'p, 'a> {
         self.certified(best, observer)
     }
 
-    /// Bodies that are seen to hang where the trial ended are welded to what they are pressed into: they came down until
-    /// they touched, and collision shapes, which hold their meshes, push them up again.
+    /// Bodies that are seen to hang where the trial ended are welded to what they are pressed into: they came down
+    /// until they touched, and collision shapes, which hold their meshes, push them up again.
     fn weld_hanging(&self, attempt: &mut Attempt) {
         let Some(poses) = &attempt.poses else { return };
         let hanging = sight::hanging(self.trials.pile, poses, self.params, self.ground);

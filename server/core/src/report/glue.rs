@@ -95,13 +95,13 @@ pub fn warnings(glued: &Glued, diameter: f64, bound: f64) -> Vec<String> {
         let moved = glued.moved.unwrap_or(0.0);
         warnings.push(match moved > MOST_MOVED {
             true => format!(
-                "{:.0} % of the bodies moved in the trial release: the glue does not hold the pile; use smaller props or \
-                 a broader base",
+                "{:.0} % of the bodies moved in the trial release: the glue does not hold the pile; use smaller props \
+                 or a broader base",
                 100.0 * moved
             ),
             false => format!(
-                "the bodies sank by {:.3} m in the mean in the trial release: the glued pile sags; use smaller props or \
-                 a broader base",
+                "the bodies sank by {:.3} m in the mean in the trial release: the glued pile sags; use smaller props \
+                 or a broader base",
                 glued.displacement * diameter
             ),
         });
@@ -169,8 +169,8 @@ mod tests {
                 "when the glued pile sinks",
                 Glued { moved: Some(0.0), displacement: 2.0, ..glued.clone() },
                 &[
-                    "the bodies sank by 0.400 m in the mean in the trial release: the glued pile sags; use smaller props or a \
-                   broader base",
+                    "the bodies sank by 0.400 m in the mean in the trial release: the glued pile sags; use smaller \
+                   props or a broader base",
                 ],
             ),
             (

@@ -15,7 +15,7 @@ const MOST: f64 = 0.02;
 const NARROWER: f64 = 0.8;
 /// What comes down stops at this share of that gap.
 const CLOSE: f64 = 0.5;
-/// A group comes down by so much of its middle body's thickness at most: where one more body finds no room below, the
+/// A group comes down by so much of its thickest body's thickness at most: where one more body finds no room below, the
 /// gap is no wider. Farther, it would leave its place.
 const FARTHEST: f64 = 1.0;
 
@@ -43,28 +43,24 @@ pub fn land(pile: &Pile, filled: usize, inputs: &TurnOverInputs) -> Landed {
     let hovering =
         |sight: &Sight| sight.hanging(gap, |i| fixed.contains(&i) || seen.is_on_ground(sight, i, gap, ground));
     let mut left = hovering(&sight);
-    // What meets a group that hovers, too, comes down with it.
+    let mut groups = sight.groups(&left, gap);
     while !left.is_empty() && left.iter().all(|&id| id < filled) {
-        let mut has_moved = false;
         // Bodies of an earlier pile stay where they lie.
-        let groups = sight.groups(&left, gap).into_iter().filter(|group| group.iter().all(|&i| i >= inputs.kept));
-        for group in groups {
-            let mut all: Vec<f64> = group.iter().map(|&i| thickness[i]).collect();
-            all.sort_by(f64::total_cmp);
-            let farthest = FARTHEST * all[all.len() / 2];
+        for group in groups.iter().filter(|group| group.iter().all(|&i| i >= inputs.kept)) {
+            let farthest = FARTHEST * group.iter().map(|&i| thickness[i]).fold(0.0, f64::max);
             let before = group.iter().map(|&i| sight.lowered()[i]).fold(0.0, f64::max);
-            let down = sight.way_down(&group, CLOSE * gap, ground, farthest - before);
+            let down = sight.way_down(group, CLOSE * gap, ground, farthest - before);
             if let Some(down) = down.filter(|down| *down > 0.0) {
-                sight.lower(&group, down);
-                has_moved = true;
+                sight.lower(group, down);
             }
         }
-        let still = hovering(&sight);
-        if !has_moved || still.len() >= left.len() {
-            left = still;
+        let before = (left.len(), groups.len());
+        left = hovering(&sight);
+        groups = sight.groups(&left, gap);
+        // What has met a group that hovers, too, comes down with it.
+        if (left.len(), groups.len()) >= before {
             break;
         }
-        left = still;
     }
     let are_few = left.len() as f64 <= (MOST * filled as f64).max(1.0) && left.iter().all(|&id| id < filled);
     let out = if are_few { left } else { Vec::new() };
