@@ -149,6 +149,7 @@ def test_the_list_and_pull_out_say_the_same(stack, addon):
     # It may lie on the ground before the block is out.
     assert words_of(["board", "cup"]).endswith("; table came down, as without Pull Out")
     safe = {"moving": [], "on_these": [], "is_safe": True}
+    stack["table"][analysis.FIGURES] = json.dumps({**loose, "standing": "stands"})
     assert words_of([], **safe) == "the others stand, as the analysis says"
     assert words_of(["cup"], **safe) == "cup came down; the analysis says that all could stand"
     assert analysis.listed(list("abcdefghij")) == "a, b, c, d, e, f, g, h and 2 more"

@@ -273,7 +273,7 @@ def test_bodies_behind_a_wall_are_told_of(desk, addon):
     assert text.startswith(f"{behind} of {len(bodies)} bodies lie behind “Wall”, apart from the others")
     # Bodies over its rim do not join its two sides.
     wall, rim = bpy.data.objects["Wall"], 0.6 * max(body.location.z for body in bodies)
-    wall.location.z, wall.scale.z = rim / 2, rim / 2.0
+    wall.scale.z = rim / 2.0
     bpy.context.view_layer.update()
     bodies, (text,) = said()
     behind = sum(body.location.x > 0.22 and body.location.z < rim for body in bodies)

@@ -168,10 +168,8 @@ mod tests {
             (
                 "when the glued pile sinks",
                 Glued { moved: Some(0.0), displacement: 2.0, ..glued.clone() },
-                &[
-                    "the bodies sank by 0.400 m in the mean in the trial release: the glued pile sags; use smaller \
-                   props or a broader base",
-                ],
+                &["the bodies sank by 0.400 m in the mean in the trial release: the glued pile sags; use smaller \
+                   props or a broader base"],
             ),
             (
                 "when the foot is narrow",
