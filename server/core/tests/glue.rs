@@ -103,8 +103,7 @@ fn what_would_hover_is_left_out() {
 
 #[test]
 fn a_draft_is_tried_before_it_is_released() {
-    let [mut mushroom, mut cap] =
-        [DVec3::new(0.3, 0.7, 0.3), DVec3::new(1.0, 0.3, 1.0)].map(|size| super::common::block(size));
+    let [mut mushroom, mut cap] = [DVec3::new(0.3, 0.7, 0.3), DVec3::new(1.0, 0.3, 1.0)].map(super::common::block);
     mushroom.points.iter_mut().for_each(|p| p.y += 0.35);
     cap.points.iter_mut().for_each(|p| p.y += 0.8);
     mushroom.append(&cap);

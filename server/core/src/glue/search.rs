@@ -60,12 +60,7 @@ impl<'p, 'a> Search<'p, 'a> {
             trials,
             sites,
             ground: params.ground.then_some(ground),
-            anchors_all: match params.glue.anchor {
-                Switch::On => true,
-                // What stands by itself is not known: the whole foot is glued at once.
-                Switch::Auto => !params.accuracy.traits().seeks_natural,
-                Switch::Off => false,
-            },
+            anchors_all: params.glue.anchor == Switch::On,
             has_leaned: false,
             known: Vec::new(),
             kept: BTreeSet::new(),
@@ -147,8 +142,9 @@ impl<'p, 'a> Search<'p, 'a> {
             None => Choice::Near(failure(glue::choose(&problem, &options, &self.known, &mut going))?),
         };
         self.iterations += choice.iterations();
-        // Where no trial shows that the foot is wide enough, all of it is glued.
-        self.anchors_all |= self.anchors && !self.proves && !choice.joints().is_empty();
+        // Where no trial shows that the foot is wide enough, or where attempts are to be few, all of it is glued.
+        let seeks = self.proves && self.params.accuracy.traits().seeks_natural;
+        self.anchors_all |= self.anchors && !seeks && !choice.joints().is_empty();
         let absent = choice.fallen().iter().map(|&body| self.sites.assembly.ids[body]);
         let mut attempt = Attempt {
             absent: absent.chain(self.sites.unreachable.iter().copied()).collect(),
