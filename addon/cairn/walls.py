@@ -16,8 +16,8 @@ def notes(scene, frames, metres):
     walls = [source for source in request.colliders_of(scene.cairn) if not placed.is_animated(source)]
     walls = [source for source in walls if source.type == "MESH" and source != scene.cairn.control_mesh]
     # An entrance begins with few bodies.
-    seen = frames[0] if frames[0].present.sum() == frames[-1].present.sum() else frames[-1]
-    places = [Vector(place) for place in axes.points_to_blender(seen.positions[seen.present], metres)] if walls else []
+    shot = frames[0] if frames[0].present.sum() == frames[-1].present.sum() else frames[-1]
+    places = [Vector(place) for place in axes.points_to_blender(shot.positions[shot.present], metres)] if walls else []
     if len(places) < 2:
         return []
     tree = KDTree(len(places))
@@ -25,14 +25,16 @@ def notes(scene, frames, metres):
         tree.insert(place, number)
     tree.balance()
     # Pairs of neighbors, and what is between them.
-    pairs, blocked = [], {}
+    pairs, blocked, seen = [], {}, set()
     for number, place in enumerate(places):
         for near, other, _ in tree.find_n(place, NEAREST + 1):
-            if number == other:
+            pair = min(number, other), max(number, other)
+            if number == other or pair in seen:
                 continue
+            seen.add(pair)
             wall = next((wall for wall in walls if _is_between(wall, place, near)), None)
             if wall is None:
-                pairs.append((number, other))
+                pairs.append(pair)
             else:
                 blocked[number], blocked[other] = wall, wall
         yield
