@@ -6,9 +6,9 @@
 
 use cairn_core::cache::{self, CachedFill, FillInputs};
 use cairn_core::report::bake::Bake;
-use cairn_engine::shape::{Shape, Size};
+use cairn_engine::shape::{self, Shape, Size};
 use cairn_files::failpoints;
-use cairn_input::error::{Error, SceneProblem};
+use cairn_input::error::Error;
 use cairn_input::params::{Params, Physics};
 use cairn_input::scene::{Model, Prop, Scene};
 use cairn_wire::versions::versions;
@@ -100,8 +100,7 @@ impl BakeCache {
                 return Ok(found);
             }
             made.fetch_add(1, Ordering::Relaxed);
-            let shape = Shape::new(prop, size, &params.physics)
-                .map_err(|text| Error::Invalid(vec![SceneProblem::new(format!("props.{i}"), text)]))?;
+            let shape = Shape::new(prop, size, &params.physics).map_err(shape::fault(i))?;
             if let Some(key) = &key {
                 self.write(key, &shape);
             }

@@ -55,7 +55,7 @@ pub use size::Size;
 pub use summary::{ShapeSummary, summaries};
 
 /// The error for a prop, from its text.
-fn fault(index: usize) -> impl Fn(String) -> Error {
+pub fn fault(index: usize) -> impl Fn(String) -> Error {
     move |text| Error::Invalid(vec![SceneProblem::new(format!("props.{index}"), text)])
 }
 
