@@ -6,6 +6,11 @@ import bpy
 from bpy.app.handlers import persistent
 from bpy.props import BoolProperty
 
+try:
+    import numpy  # noqa: F401 nearly all modules need it
+except ImportError as error:
+    raise ImportError("Cairn needs numpy. Some systems pack Blender without it: install python3-numpy") from error
+
 from . import (
     analysis,
     apart,

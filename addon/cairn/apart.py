@@ -128,7 +128,12 @@ class CAIRN_OT_pull_out(Operator):
 
     @classmethod
     def poll(cls, context):
-        return not is_running() and bool(context.object) and analysis.FIGURES in context.object
+        if is_running() or not context.object or analysis.FIGURES not in context.object:
+            return False
+        if is_animated(context.object):
+            cls.poll_message_set("It is animated. Clear its animation, or undo the last Pull Out")
+            return False
+        return True
 
     def execute(self, context):
         with explaining(self):
@@ -140,6 +145,8 @@ class CAIRN_OT_pull_out(Operator):
             if not report.get("removals"):
                 raise Fault(f"“{context.object.name}” cannot be pulled out: the objects do not come to rest.")
             play(context, sources, poses, frames)
+            # What would hold them was of where they stood.
+            context.scene.pop(analysis.GLUE, None)
             self.report({"INFO"}, said(sources, report))
             return {"FINISHED"}
         return {"CANCELLED"}
@@ -163,7 +170,10 @@ class CAIRN_OT_make_it_stand(Operator):
 
     @classmethod
     def poll(cls, context):
-        return analysis.GLUE in context.scene
+        if analysis.GLUE not in context.scene:
+            cls.poll_message_set("Analyze the objects where they are now")
+            return False
+        return True
 
     def execute(self, context):
         with explaining(self):

@@ -57,12 +57,14 @@ class CAIRN_OT_export_pile(OfPile, ExportHelper, Operator):
         return not is_running() and result.chosen(context) is not None and bool(forms())
 
     def change(self, context, collection):
+        path = bpy.path.abspath(self.filepath)
+        of = [form for form, endings in ENDINGS.items() if path.lower().endswith(endings)]
+        if of and not self.properties.is_property_set("form"):
+            self.form = of[0]
         if self.form not in forms():
             raise Fault("This Blender does not write that format. Choose another, or enable the exporter's add-on.")
         if collection.cairn.mode == "POINTS" and self.form != "USD":
             raise Fault("Instanced points have no bodies to export. Bake as Animated Objects, or export USD.")
-        path = bpy.path.abspath(self.filepath)
-        of = [form for form, endings in ENDINGS.items() if path.lower().endswith(endings)]
         if of and self.form not in of:
             right = path[: path.rindex(".")] + ENDINGS[self.form][0]
             raise Fault(
