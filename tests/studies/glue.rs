@@ -81,7 +81,7 @@ fn rows(scene: &Path, args: &Args) -> anyhow::Result<()> {
         let (world, policy) = (sim.pile.world.clone(), sim.pile.policy.clone());
         let watch = Watch { ends: Ends::Late, most_displacement: 0.0 };
         let freed = release_trial(world, policy, &dots, &loose, DVec3::NEG_Y, watch, &mut |_| Ok(()))?;
-        let poses = freed.poses.context("it was released to its end")?;
+        let poses = freed.final_poses().context("it was released to its end")?;
         println!(
             "| {name} | {glue} | {} | {} | {} | {:.1} | {:.1e} | {} | {seconds:.2} | {:.3} | {:.3} |",
             sites.assembly.ids.len(),

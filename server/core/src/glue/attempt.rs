@@ -71,10 +71,10 @@ impl Attempt {
 
     pub fn stood(&mut self, trial: TrialResult) {
         // A trial that ended early is worse than every other.
-        self.displacement = if trial.poses.is_some() { trial.displacement } else { f64::INFINITY };
-        self.moving.extend(trial.moved_bodies);
+        self.displacement = if trial.is_whole { trial.displacement } else { f64::INFINITY };
+        self.moving.extend(&trial.moved_bodies);
         self.is_confirmed = false;
-        (self.moved, self.poses) = (Some(trial.moved), trial.poses);
+        (self.moved, self.poses) = (Some(trial.moved), trial.final_poses());
     }
 
     pub fn is_chosen(&self, site: usize) -> bool {

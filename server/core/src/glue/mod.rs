@@ -10,6 +10,7 @@ mod natural;
 pub mod policy;
 mod search;
 mod trial;
+mod welds;
 
 pub use policy::MOST_MOVED;
 pub use trial::{Ends, TrialResult, Watch, release_trial};
@@ -77,7 +78,7 @@ impl Glued {
         Glued {
             displacement: trial.displacement,
             moved: Some(trial.moved),
-            poses_with_glue: trial.poses.clone(),
+            poses_with_glue: trial.final_poses(),
             ..Glued::default()
         }
     }
@@ -129,8 +130,8 @@ pub fn run(
     let Search { mut trials, sites, iterations, .. } = search;
     if params.glue.proof == Switch::On && proves {
         glued.poses_without_glue = match natural {
-            Some(natural) => natural.trial.poses,
-            None => trials.run(&[], &[], DVec3::NEG_Y, Ends::Late, observer)?.poses,
+            Some(natural) => natural.trial.final_poses(),
+            None => trials.run(&[], &[], DVec3::NEG_Y, Ends::Late, observer)?.final_poses(),
         };
         let mut worst = 0.0f64;
         for side in [DVec3::X, DVec3::NEG_X, DVec3::Z, DVec3::NEG_Z] {

@@ -28,8 +28,11 @@ impl Natural {
 
     /// Bodies of the heaps in which none has moved.
     pub fn standing(&self, world: &World) -> BTreeSet<BodyId> {
-        let Some(poses) = &self.trial.poses else { return BTreeSet::new() };
-        let has_moved = |id: BodyId| poses[id].is_none() || self.trial.ways.get(id).is_some_and(|way| *way > SAGS);
+        if !self.trial.is_whole {
+            return BTreeSet::new();
+        }
+        let has_moved =
+            |id: BodyId| self.trial.poses[id].is_none() || self.trial.ways.get(id).is_some_and(|way| *way > SAGS);
         standing(&self.heaps, &world.present().collect::<Vec<_>>(), has_moved)
     }
 }

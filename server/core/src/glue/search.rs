@@ -3,10 +3,8 @@
 
 use super::Glued;
 use super::attempt::{Attempt, Choice};
-use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM, WELD_ROUNDS};
+use super::policy::{ATTEMPTS, IN_PLACES, LEANS, LOCAL, LOCAL_MOVED, PRESSED, PRICES, SAGS, WELD_FROM};
 use super::trial::{Ends, TrialResult, Trials};
-use crate::sight;
-use cairn_engine::world::PairSide;
 use cairn_input::error::Error;
 use cairn_input::observer::{Observer, observe};
 use cairn_input::params::{Params, ProofEngine, Switch};
@@ -19,22 +17,22 @@ use std::collections::BTreeSet;
 
 /// The search for joints with which the pile stands, not only on paper.
 pub struct Search<'p, 'a> {
-    params: &'p Params,
+    pub params: &'p Params,
     /// Least load at which a joint breaks.
     least_limit: f64,
     /// Strength of the glue; `None`: no bound. Bounded glue gets no further joints in place of strength.
-    bound: Option<f64>,
+    pub bound: Option<f64>,
     /// Bodies may be glued to the fixed surroundings.
-    anchors: bool,
+    pub anchors: bool,
     /// The glued pile is released in trials.
     proves: bool,
     pub trials: Trials<'p, 'a>,
     pub sites: Sites,
     /// Height of the ground, m, if there is one.
-    ground: Option<f64>,
-    anchors_all: bool,
+    pub ground: Option<f64>,
+    pub anchors_all: bool,
     /// A trial showed the pile to lean as a whole.
-    has_leaned: bool,
+    pub has_leaned: bool,
     /// Joints of the attempt before, if the next one starts from them; at first, those of an earlier pile.
     pub known: Vec<GlueJoint>,
     /// Sites that an earlier pile had glued, among bodies that are as they were: they stay glued.
@@ -75,12 +73,7 @@ impl<'p, 'a> Search<'p, 'a> {
         for number in 0..ATTEMPTS {
             let mut attempt = self.attempt(number, observer)?;
             is_last |= number + 1 == ATTEMPTS;
-            let joints = self.joints(&attempt);
-            // A lean matters where something can still be done against it.
-            self.trials.most_displacement = if self.anchors && !attempt.anchors_all { LEANS } else { SAGS };
-            let ends = if is_last { Ends::Late } else { Ends::Soon };
-            let engine = self.trials.engine;
-            let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, ends, observer)?;
+            let trial = self.release(&attempt, if is_last { Ends::Late } else { Ends::Soon }, observer)?;
             let next = self.next(number, &mut attempt, trial, observer)?;
             if best.as_ref().is_none_or(|best| attempt.is_as_good_as(best)) {
                 best = Some(attempt);
@@ -105,20 +98,6 @@ impl<'p, 'a> Search<'p, 'a> {
             self.weld_hanging(&mut best);
         }
         self.certified(best, observer)
-    }
-
-    /// Bodies that are seen to hang where the trial ended are welded to what they are pressed into: they came down
-    /// until they touched, and collision shapes, which hold their meshes, push them up again.
-    fn weld_hanging(&self, attempt: &mut Attempt) {
-        let Some(poses) = &attempt.poses else { return };
-        let hanging = sight::hanging(self.trials.pile, poses, self.params, self.ground);
-        let between = &attempt.sites.between;
-        let hangs = |site: usize| {
-            let (a, b) = between[site];
-            hanging.contains(&a) || matches!(b, PairSide::Body(b) if hanging.contains(&b))
-        };
-        let more = attempt.joining(|site| hangs(site) && attempt.sites.depths[site] > 0.0);
-        attempt.more.extend(more);
     }
 
     /// The first choice, without a trial.
@@ -173,6 +152,19 @@ impl<'p, 'a> Search<'p, 'a> {
         let glue = &self.params.glue;
         let (friction_factor, normal_price) = (glue.friction_factor, glue.normal_price);
         GlueOptions { friction_factor, normal_price, strength: self.bound, rounds: glue.rounds as usize }
+    }
+
+    /// A trial of an attempt.
+    pub fn release(
+        &mut self,
+        attempt: &Attempt,
+        ends: Ends,
+        observer: &mut dyn Observer,
+    ) -> Result<TrialResult, Error> {
+        // A lean matters where something can still be done against it.
+        self.trials.most_displacement = if self.anchors && !attempt.anchors_all { LEANS } else { SAGS };
+        let (joints, engine) = (self.joints(attempt), self.trials.engine);
+        self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, ends, observer)
     }
 
     /// Engine units.
@@ -256,7 +248,7 @@ impl<'p, 'a> Search<'p, 'a> {
         }
         attempt.displacement = attempt.displacement.max(own.displacement);
         attempt.moved = attempt.moved.map(|moved| moved.max(own.moved));
-        (attempt.poses, attempt.is_confirmed) = (own.poses, true);
+        (attempt.poses, attempt.is_confirmed) = (own.final_poses(), true);
         Ok(OwnTrial::Stands)
     }
 
@@ -268,11 +260,13 @@ impl<'p, 'a> Search<'p, 'a> {
         trial: TrialResult,
         observer: &mut dyn Observer,
     ) -> Result<Next, Error> {
+        let had_feet = attempt.anchors_all;
+        let trial = self.hold(attempt, trial, observer)?;
+        let leaned = attempt.anchors_all && !had_feet;
         let (displacement, moved) = (trial.displacement, trial.moved);
         let moved_a_little = trial.moved_a_little.iter().copied().collect();
         attempt.stood(trial);
-        let leans = self.anchors && displacement > LEANS && !self.anchors_all;
-        let fails_in_places = moved <= IN_PLACES && (leans || displacement <= SAGS);
+        let fails_in_places = moved <= IN_PLACES && (leaned || displacement <= SAGS);
         let is_highest_price = self.sites.is_highest_price(&PRICES);
         let change = if fails_in_places || is_highest_price {
             Change::Friction
@@ -285,12 +279,10 @@ impl<'p, 'a> Search<'p, 'a> {
         if change == Change::Friction {
             discounts = self.sites.discount_friction(&attempt.moving);
         }
-        let is_to_be_welded = !leans && (attempt.stands() || number >= WELD_FROM || !discounts);
+        let is_to_be_welded = attempt.stands() || number >= WELD_FROM || !discounts;
         if self.bound.is_none() && fails_in_places && is_to_be_welded {
             self.weld(attempt, observer)?;
         }
-        self.anchors_all |= leans;
-        self.has_leaned |= leans;
         match change {
             Change::Friction => self.known = attempt.choice.joints().to_vec(),
             Change::PriceAround => {
@@ -305,40 +297,11 @@ impl<'p, 'a> Search<'p, 'a> {
                 self.known.clear();
             }
         }
-        Ok(match attempt.stands() && !leans {
+        Ok(match attempt.stands() {
             true => Next::End,
-            false if is_highest_price && !discounts && !leans => Next::Last,
+            false if is_highest_price && !discounts => Next::Last,
             false => Next::Again,
         })
-    }
-
-    /// Welds moving bodies to all that they touch, and bodies that move next, too.
-    fn weld(&mut self, attempt: &mut Attempt, observer: &mut dyn Observer) -> Result<(), Error> {
-        attempt.is_welded = true;
-        let (mut kept, mut moving) = (attempt.more.clone(), attempt.moving.clone());
-        for _ in 0..WELD_ROUNDS {
-            if attempt.moved == Some(0.0) {
-                break;
-            }
-            let more = attempt.welds(&moving);
-            if more.is_empty() {
-                break;
-            }
-            attempt.more.extend(more);
-            let joints = self.joints(attempt);
-            let engine = self.trials.engine;
-            let trial = self.trials.run_in(engine, &joints, &attempt.absent, DVec3::NEG_Y, Ends::Late, observer)?;
-            moving.extend(&trial.moved_bodies);
-            if trial.displacement < attempt.displacement {
-                kept.clone_from(&attempt.more);
-                attempt.stood(trial);
-                if attempt.stands() {
-                    break;
-                }
-            }
-        }
-        attempt.more = kept;
-        Ok(())
     }
 }
 
@@ -352,7 +315,7 @@ enum Next {
     Again,
 }
 
-/// What changes for the next attempt: rows 2, 3 and 4 of the policy.
+/// What changes for the next attempt: rows 3, 4 and 5 of the policy.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Change {
     /// Friction is discounted. The next attempt goes on from these joints.

@@ -26,15 +26,28 @@ pub struct TrialResult {
     pub displacement: f64,
     /// Displacement of each body, d. Shape `[body]`; 0: the body was left out.
     pub ways: Vec<f64>,
-    /// Final poses of the bodies, engine units; `None` if the trial ended early. Shape `[body]`; `None`: the body was
-    /// left out.
-    pub poses: Poses,
+    /// The pile surely stands, or the whole time is over: the trial did not end early.
+    pub is_whole: bool,
+    /// Poses of the bodies at its end, engine units. Shape `[body]`; `None`: the body was left out.
+    pub poses: Vec<Option<Pose>>,
     pub steps: u64,
 }
 
 impl TrialResult {
     pub fn stands(&self) -> bool {
-        self.poses.is_some() && super::stands(Some(self.moved), self.displacement)
+        self.is_whole && super::stands(Some(self.moved), self.displacement)
+    }
+
+    /// Final poses, unless the trial ended early.
+    pub fn final_poses(&self) -> Poses {
+        self.is_whole.then(|| self.poses.clone())
+    }
+
+    /// Where a point that belonged to a body is at the end of the trial. `before`: the pile before it.
+    pub fn moved_point(&self, id: BodyId, point: DVec3, before: &World) -> DVec3 {
+        let Some(now) = self.poses.get(id).copied().flatten() else { return point };
+        let then = before.pose(id);
+        now.transform_point(then.rotation.inverse() * (point - then.translation))
     }
 
     /// The worse of two trials of the same pile, with the poses of this one.
@@ -47,11 +60,14 @@ impl TrialResult {
             displacement: self.displacement.max(other.displacement),
             ways: self.ways.iter().zip(&other.ways).map(|(a, b)| a.max(*b)).collect(),
             steps: self.steps + other.steps,
+            is_whole: self.is_whole,
             poses: self.poses,
         }
     }
 }
 
+/// Final poses of the bodies, engine units; `None` if the trial ended early. Shape `[body]`; `None`: the body was left
+/// out.
 pub type Poses = Option<Vec<Option<Pose>>>;
 
 /// When a trial ends.
@@ -210,11 +226,12 @@ pub fn release_trial(
             let now = poses(&world);
             let mut trial = look(&before, &now, step);
             if step == steps {
-                trial.poses = Some(now);
+                (trial.poses, trial.is_whole) = (now, true);
                 return Ok(trial);
             }
             failing += u64::from(trial.moved > MOST_MOVED || trial.displacement > SURELY * SAGS);
             if failing > 1 && watch.ends.is_over(&present, &trial.ways) {
+                trial.poses = now;
                 return Ok(trial);
             }
             let looks_left = fading.looks(mean_way(&latest, &now)).min((steps - step) as f64 / LOOK as f64);
@@ -223,12 +240,12 @@ pub fn release_trial(
             standing = if is_to_stand || farthest(&latest, &now) * looks_left < STILL { standing + 1 } else { 0 };
             latest = now;
             if standing == STILL_LOOKS {
-                trial.poses = Some(latest);
+                (trial.poses, trial.is_whole) = (latest, true);
                 return Ok(trial);
             }
         }
     }
-    Ok(TrialResult { poses: Some(before), ..TrialResult::default() })
+    Ok(TrialResult { poses: before, is_whole: true, ..TrialResult::default() })
 }
 
 /// How motion fades from look to look.
@@ -290,7 +307,9 @@ fn look(before: &[Option<Pose>], now: &[Option<Pose>], steps: u64) -> TrialResul
     let (moved_bodies, moved_a_little) = (beyond(MOVED), beyond(RESOLUTION));
     let mean = ways.iter().map(|(_, way)| way.min(1.0)).sum::<f64>() / count;
     let moved = moved_bodies.len() as f64 / count;
-    TrialResult { moved, moved_bodies, moved_a_little, displacement: mean, ways: all, poses: None, steps }
+    let found =
+        TrialResult { moved, moved_bodies, moved_a_little, displacement: mean, ways: all, ..TrialResult::default() };
+    TrialResult { steps, ..found }
 }
 
 fn poses(world: &World) -> Vec<Option<Pose>> {
