@@ -37,7 +37,7 @@ pub const PRESSED: f64 = 0.2;
 /// The price of normal forces is the caller's, and at least the next of these each time that the pile fails in many
 /// places. Expensive normal forces let glue carry a load that stands on paper by wedging alone: placements without a
 /// price wedge with 60 to 230 weights, and fall. A price of 0.3 from the start costs 28 to 48 % more joints.
-pub const PRICES: [f64; 4] = [0.0, 0.3, 0.6, 1.0];
+pub const PRICES: [f64; 3] = [0.3, 0.6, 1.0];
 /// After these attempts, only bodies that moved get a higher price, where no larger share than [`LOCAL_MOVED`] has. A
 /// tenth fewer joints in the median of 54 piles.
 pub const LOCAL: Range<usize> = 0..5;

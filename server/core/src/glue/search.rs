@@ -14,6 +14,7 @@ use cairn_prepare::effects::{EffectName, Resolved};
 use cairn_statics::glue::{self, GlueError, GlueJoint, GlueOptions};
 use glam::DVec3;
 use std::collections::BTreeSet;
+use std::iter;
 
 /// The search for joints with which the pile stands, not only on paper.
 pub struct Search<'p, 'a> {
@@ -28,6 +29,8 @@ pub struct Search<'p, 'a> {
     proves: bool,
     pub trials: Trials<'p, 'a>,
     pub sites: Sites,
+    /// Prices of normal forces, ascending, from the caller's on.
+    prices: Vec<f64>,
     /// Height of the ground, m, if there is one.
     pub ground: Option<f64>,
     pub anchors_all: bool,
@@ -49,7 +52,9 @@ impl<'p, 'a> Search<'p, 'a> {
         trials: Trials<'p, 'a>,
         ground: f64,
     ) -> Search<'p, 'a> {
+        let higher = PRICES.into_iter().filter(|price| *price > params.glue.normal_price);
         Search {
+            prices: iter::once(0.0).chain(higher).collect(),
             params,
             least_limit: params.control.break_limit(params.gravity),
             bound: Some(resolved.glue_bound).filter(|bound| bound.is_finite()),
@@ -267,7 +272,7 @@ impl<'p, 'a> Search<'p, 'a> {
         let moved_a_little = trial.moved_a_little.iter().copied().collect();
         attempt.stood(trial);
         let fails_in_places = moved <= IN_PLACES && (leaned || displacement <= SAGS);
-        let is_highest_price = self.sites.is_highest_price(&PRICES);
+        let is_highest_price = self.sites.is_highest_price(&self.prices);
         let change = if fails_in_places || is_highest_price {
             Change::Friction
         } else if LOCAL.contains(&number) && moved <= LOCAL_MOVED {
@@ -286,14 +291,14 @@ impl<'p, 'a> Search<'p, 'a> {
         match change {
             Change::Friction => self.known = attempt.choice.joints().to_vec(),
             Change::PriceAround => {
-                let is_raised = self.sites.raise_normal_price(Some(&moved_a_little), &PRICES);
+                let is_raised = self.sites.raise_normal_price(Some(&moved_a_little), &self.prices);
                 if !is_raised {
-                    self.sites.raise_normal_price(None, &PRICES);
+                    self.sites.raise_normal_price(None, &self.prices);
                 }
                 self.known.clear();
             }
             Change::Price => {
-                self.sites.raise_normal_price(None, &PRICES);
+                self.sites.raise_normal_price(None, &self.prices);
                 self.known.clear();
             }
         }
