@@ -48,7 +48,7 @@ pub const ATTEMPTS: usize = 8;
 
 // Welds.
 
-/// Two bodies slip if their site has come apart by more than this, d. Where many bodies move, few pairs let go, and the
+/// Two bodies slip if their site has come apart by more than this, d. Where many bodies move, few pairs part, and the
 /// others move with them. If these are no more than the joints, they are glued at once: a new placement at a higher
 /// price everywhere takes longer, and about as many joints in the end. (Where more slip, statics is wrong about most of
 /// the pile: stairs of oranges stood by 750 dots so, by 398 after the prices had risen.)

@@ -77,7 +77,9 @@ pub fn measure(
     };
     figures.extend(seen);
     own.visible = observer.cpu_seconds() - begin;
-    figures.insert("stayed_fraction", inputs.outcome.and_then(Outcome::stayed));
+    // What a removal or a collapse moves does not lean on what is new.
+    let is_still = inputs.scene.removals.is_empty() && inputs.scene.collapse.is_none();
+    figures.insert("stayed_fraction", inputs.outcome.filter(|_| is_still).and_then(Outcome::stayed));
     let separation = inputs.separation;
     figures.insert("separation_max_rel", separation.map(|found| found.farthest));
     figures.extend(inputs.entrance.map(entrance::figures).unwrap_or_default());
