@@ -21,6 +21,8 @@ from .server import find
 
 # Figures on the objects that were analysed, and their color before.
 FIGURES, BEFORE = "cairn_analysis", "cairn_color_before"
+# On the empty of a dot of glue: the force that it has to hold.
+FORCE = "force_newton"
 # On the scene: the dots of glue that are needed.
 GLUE = "cairn_needed_glue"
 # Longest run of the program, s.
@@ -47,12 +49,12 @@ SHOWN = [
 
 
 def bodies(context):
-    """The selected objects that are bodies; children belong to selected parents."""
-    chosen = set(context.selected_objects)
+    """The selected objects that are bodies; children belong to selected parents, and dots of glue are none."""
+    chosen = {source for source in context.selected_objects if FORCE not in source}
     return [
         source
         for source in context.selected_objects
-        if source.type in request.PLACED and source.parent not in chosen and source.visible_get()
+        if source in chosen and source.type in request.PLACED and source.parent not in chosen and source.visible_get()
     ]
 
 

@@ -21,6 +21,8 @@ DOTS = "Needed Glue"
 DOT_SIZE = 0.02
 # An object that moves less than this share of its size is not keyed.
 STILL = 0.005
+# An object that ends farther away than this share of its size is named, also one that turns by as many radians.
+FAR = 0.1
 
 
 def scene(context, sources, written, falling):
@@ -94,8 +96,16 @@ def play(context, sources, poses, frames):
     context.scene.frame_end = max(context.scene.frame_end, first + len(poses) - 1)
 
 
-def said(sources, report):
-    """What happened, beside what the analysis says of the same object."""
+def far(sources, poses):
+    """Names of the objects that end far from where they were: by a tenth of their size, or turned by as much."""
+    sizes = np.array([max(source.dimensions) for source in sources])
+    ways = np.linalg.norm(poses[-1, :, :3] - poses[0, :, :3], axis=1) / export.metres(bpy.context.scene)
+    turns = 1 - np.abs((poses[-1, :, 3:] * poses[0, :, 3:]).sum(axis=1))
+    return [sources[number].name for number in np.flatnonzero((ways > FAR * sizes) | (turns > FAR**2 / 8))]
+
+
+def said(sources, report, gone_far=()):
+    """What happened, beside what the analysis says of the same object. `gone_far`: names of what ends elsewhere."""
     removed = report["removals"][0]
     source, names = sources[removed["body"]], [other.name for other in sources]
     forecast = analysis.figures(source)["removal"] or {}
@@ -103,6 +113,8 @@ def said(sources, report):
     fell = [names[number] for number in removed["came_down"] if sources[number] != source]
     loose = [one.name for one in sources if analysis.figures(one)["standing"].startswith("falls")]
     moved = [names[number] for number, _ in removed["moved"] if names[number] not in [*fell, *loose, source.name]]
+    # Before it was pulled out, they came to rest.
+    others = [name for name in gone_far if name not in [*fell, *loose, *moved, source.name]]
     other = "came down besides, hit or pulled along" if expected else "came down"
     parts = []
     for which, words in (
@@ -111,6 +123,7 @@ def said(sources, report):
         ([name for name in loose if name not in [*expected, source.name]], "came down, as without Pull Out"),
         ([name for name in expected if name in moved], "began to fall and found a hold"),
         ([name for name in moved if name not in expected], "moved a little"),
+        (others, "moved before, as what falls by itself came down"),
         ([name for name in expected if name not in fell + moved], "stayed, although no forces were found that hold it"),
     ):
         parts += [f"{analysis.listed(which)} {words}"] if which else []
@@ -147,7 +160,7 @@ class CAIRN_OT_pull_out(Operator):
             play(context, sources, poses, frames)
             # What would hold them was of where they stood.
             context.scene.pop(analysis.GLUE, None)
-            self.report({"INFO"}, said(sources, report))
+            self.report({"INFO"}, said(sources, report, far(sources, poses)))
             return {"FINISHED"}
         return {"CANCELLED"}
 
@@ -189,7 +202,11 @@ class CAIRN_OT_make_it_stand(Operator):
                     self.report({"INFO"}, "All stand without glue")
                 return {"FINISHED"}
             mark(context, needed["dots"])
-            self.report({"INFO"}, f"{len(needed['dots'])} dots of glue in the collection “{DOTS}”")
+            marked = "1 dot" if len(needed["dots"]) == 1 else f"{len(needed['dots'])} dots"
+            self.report(
+                {"INFO"},
+                f"{marked} of glue in the collection “{DOTS}”. Analyze and Pull Out count friction alone",
+            )
             return {"FINISHED"}
         return {"CANCELLED"}
 
@@ -255,7 +272,7 @@ def mark(context, dots):
         empty.empty_display_type = "SPHERE"
         empty.empty_display_size, empty.show_in_front = size, True
         empty.location = axes.points_to_blender(np.array(dot["point"]), export.metres(context.scene))
-        empty["force_newton"] = dot["force"]
+        empty[analysis.FORCE] = dot["force"]
         collection.objects.link(empty)
 
 

@@ -282,7 +282,13 @@ def wait_for(bake):
 
 def finished(operator, context, collection):
     report = running.report_of(collection)
-    operator.report({"INFO"}, f"Pile of {report.get('body_count', 0)} bodies in “{collection.name}”")
+    said = [f"Pile of {report.get('body_count', 0)} bodies in “{collection.name}”"]
+    hanging = int(report.get("measures", {}).get("hanging_visible") or 0)
+    if hanging:
+        said.append("1 body hangs in the air" if hanging == 1 else f"{hanging} bodies hang in the air")
+    if timing.beyond(collection, context.scene):
+        said.append(timing.beyond(collection, context.scene))
+    operator.report({"WARNING" if len(said) > 1 else "INFO"}, ". ".join(said))
     if bpy.app.background:
         # With a window, Blender does so before it draws.
         context.view_layer.update()

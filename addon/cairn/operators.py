@@ -31,6 +31,9 @@ class CAIRN_OT_bake(Follows, Operator):
     def make(self, context, bake):
         frames = bake.recording.frames or [bake.latest]
         bake.recipe["notes"] += yield from walls.notes(context.scene, frames, bake.recipe["metres"])
+        thrown = [f"“{one.name}”" for one in request.objects_of(context.scene.cairn.impact) if not one.hide_render]
+        if thrown:
+            bake.recipe["notes"] += [f"A copy is thrown, and {', '.join(thrown[:3])} is rendered, too. Hide it"]
         return (yield from Follows.make(self, context, bake))
 
 

@@ -77,8 +77,9 @@ class CAIRN_OT_export_pile(OfPile, ExportHelper, Operator):
             try:
                 write(context, collection, self.form, path)
             except RuntimeError as error:
-                # The last line is the reason; those before it are of the exporter's own code.
-                reason = str(error).strip().rpartition("\n")[2].removeprefix("Error: ").strip()
+                # The last line but the place in the code is the reason; those before it are of the exporter's own code.
+                lines = [line for line in str(error).splitlines() if line.strip() and not line.startswith("Location:")]
+                reason = lines[-1].removeprefix("Error: ").strip() if lines else "its exporter says no reason"
                 if is_new and os.path.isfile(path):
                     os.remove(path)
                 raise Fault(f"Blender does not write {path}: {reason}") from error

@@ -78,6 +78,12 @@ def keep_end(collection):
     note.frame_count = 0
 
 
+def beyond(collection, scene):
+    """A sentence about a motion that goes on after the scene's end; empty where it does not."""
+    end = end_of(collection) if collection.cairn.mode != "POSE" else 0
+    return f"It moves until frame {end}, and the scene ends at {scene.frame_end}" if end > scene.frame_end else ""
+
+
 def end_of(collection):
     """The frame of the scene from which on nothing moves."""
     return int(np.ceil(shown(collection)[-1] - 1e-3)) if collection.cairn.frame_count else 1

@@ -11,15 +11,37 @@ NEAREST = 8
 
 
 def notes(scene, frames, metres):
-    """A generator: gives a sentence about bodies that colliders keep apart from the others; none without them.
+    """A generator: gives sentences about bodies that colliders keep apart from the others; none without them.
     `frames`: snapshots of a bake."""
     walls = [source for source in request.colliders_of(scene.cairn) if not placed.is_animated(source)]
     walls = [source for source in walls if source.type == "MESH" and source != scene.cairn.control_mesh]
+    first, last = frames[0], frames[-1]
     # An entrance begins with few bodies.
-    shot = frames[0] if frames[0].present.sum() == frames[-1].present.sum() else frames[-1]
-    places = [Vector(place) for place in axes.points_to_blender(shot.positions[shot.present], metres)] if walls else []
-    if len(places) < 2:
+    shots = [last] if len(frames) == 1 or first.present.sum() != last.present.sum() else [first, last]
+    counts, said = [], []
+    for shot in shots if walls else ():
+        places = [Vector(place) for place in axes.points_to_blender(shot.positions[shot.present], metres)]
+        found, names = yield from _behind(walls, places)
+        counts.append((found, len(places)))
+        said.append(" and ".join(f"“{name}”" for name in names[:3]))
+    if not counts:
         return []
+    begin, (end, count) = counts[0][0], counts[-1]
+    if not begin:
+        verb = "comes" if end == 1 else "come"
+        over = f"{end} of {count} bodies {verb} to lie behind {said[-1]}, over its rim. Make the shape lower there"
+        return [over] if end else []
+    text = (
+        f"{begin} of {count} bodies {'lies' if begin == 1 else 'lie'} behind {said[0]}, apart from the others: "
+        "the shape reaches through. Move the shape off the wall, if nothing should lie there"
+    )
+    return [f"{text}. In the end, {end} lie behind it: others went over it" if end > begin else text]
+
+
+def _behind(walls, places):
+    """A generator: gives the number of bodies that colliders keep apart from the others, and the colliders' names."""
+    if len(places) < 2:
+        return 0, []
     tree = KDTree(len(places))
     for number, place in enumerate(places):
         tree.insert(place, number)
@@ -42,14 +64,7 @@ def notes(scene, frames, metres):
     below = {number for number, place in enumerate(places) if place.z < rim}
     # Bodies above the rim join what lies on both sides of a wall. Of a board that divides the pile, all above it would.
     apart = max(_apart(pairs, set(range(len(places))), blocked), _apart(pairs, below, blocked), key=len)
-    names = {blocked[one].name for one in apart if one in blocked}
-    through = " and ".join(f"“{name}”" for name in sorted(names)[:3])
-    verb = "lies" if len(apart) == 1 else "lie"
-    text = (
-        f"{len(apart)} of {len(places)} bodies {verb} behind {through}, apart from the others: "
-        "the shape reaches through. Move the shape off the wall, if nothing should lie there"
-    )
-    return [text] if apart else []
+    return len(apart), sorted({blocked[one].name for one in apart if one in blocked})
 
 
 def _apart(pairs, which, blocked):

@@ -156,6 +156,29 @@ def test_the_list_and_pull_out_say_the_same(stack, addon):
 
 
 @once
+def test_what_falls_by_itself_takes_others_along(addon):
+    boxes = {
+        "Base": ((0.5, 0.5, 0.5), (0, 0, 0.25)),
+        "Mid": ((0.8, 0.4, 0.2), (0.2, 0, 0.6)),
+        "Over": ((0.8, 0.3, 0.2), (0.75, 0, 0.8)),
+        "Side": ((0.09, 0.4, 0.18), (0.65, 0, 0.6)),
+    }
+    for name, (size, place) in boxes.items():
+        cuboid(name, size, location=place).select_set(True)
+    bpy.context.view_layer.objects.active = bpy.data.objects["Side"]
+    assert bpy.ops.cairn.analyze() == {"FINISHED"} and bpy.ops.cairn.make_it_stand() == {"FINISHED"}
+    # Marks are no bodies.
+    for mark in bpy.data.collections["Needed Glue"].objects:
+        mark.select_set(True)
+    assert bpy.ops.cairn.analyze() == {"FINISHED"}
+    words = []
+    made = SimpleNamespace(report=lambda _, text: words.append(text))
+    assert addon("apart").CAIRN_OT_pull_out.execute(made, bpy.context) == {"FINISHED"}
+    assert "Mid moved before, as what falls by itself came down" in words[0], words
+    assert not bpy.ops.cairn.make_it_stand.poll() and not bpy.ops.cairn.pull_out.poll()
+
+
+@once
 @pytest.mark.parametrize("mode", ["XYZ", "ZXY", "AXIS_ANGLE", "QUATERNION"])
 def test_pull_out_leaves_rotation_modes_alone(stack, addon, mode):
     for source in stack.values():

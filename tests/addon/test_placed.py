@@ -1,5 +1,7 @@
 """What is placed by hand: colliders that move, objects that stay, projectiles, drops."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -257,7 +259,7 @@ def test_bodies_are_counted_as_their_names_are(addon):
 
 
 @once
-def test_bodies_behind_a_wall_are_told_of(desk, addon):
+def test_bodies_behind_a_wall_are_reported(desk, addon):
     desk.add_stick("Cube", (0.1, 0.1, 0.1))
     desk.settings.colliders = collection("Walls", cuboid("Wall", (0.04, 3.0, 2.0), location=(0.22, 0, 1.0)))
     desk.settings.colliders.objects.link(cuboid("Table", (3.0, 3.0, 0.1), location=(0, 0, -0.05)))
@@ -282,3 +284,54 @@ def test_bodies_behind_a_wall_are_told_of(desk, addon):
     bpy.data.objects["Wall"].location.x += 0.5
     bpy.context.view_layer.update()
     assert said()[1] == []
+
+
+@once
+def test_bodies_that_went_over_a_wall_are_reported(desk, addon):
+    desk.settings.colliders = collection("Walls", cuboid("Wall", (0.04, 3.0, 0.4), location=(0.5, 0, 0.2)))
+    bpy.context.view_layer.update()
+
+    def shot(*places):
+        return SimpleNamespace(present=np.ones(len(places), bool), positions=np.array([(x, 0.1, 0) for x in places]))
+
+    def reported(*shots):
+        found = addon("walls").notes(bpy.context.scene, shots, 1.0)
+        while True:
+            try:
+                next(found)
+            except StopIteration as end:
+                return end.value
+
+    inside, over = shot(-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4), shot(-0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.6)
+    assert reported(inside, inside) == []
+    (text,) = reported(inside, over)
+    assert text.startswith("1 of 7 bodies comes to lie behind “Wall”, over its rim")
+    (text,) = reported(over, shot(-0.2, -0.1, 0.0, 0.1, 0.2, 0.6, 0.7))
+    assert text.startswith("1 of 7 bodies lies behind “Wall”") and text.endswith(
+        "In the end, 2 lie behind it: others went over it"
+    )
+
+
+@once
+def test_what_is_thrown_and_stays_in_view_is_reported(placing, addon):
+    desk = placing
+    ball = cuboid("Ball", (0.2, 0.2, 0.2), location=(3, 0, 1))
+    desk.settings.impact = collection("Thrown", ball)
+    desk.settings.impact_velocity = (-4, 0, 0)
+
+    def reported():
+        pile = desk.bake(use_frame_count=True, frame_count=4)
+        return [text for text in addon("running").report_of(pile)["warnings"] if "A copy is thrown" in text]
+
+    assert reported() == ["A copy is thrown, and “Ball” is rendered, too. Hide it"]
+    ball.hide_render = True
+    assert reported() == []
+
+
+@once
+def test_a_motion_beyond_the_end_of_the_scene_is_reported(placing, addon):
+    pile = placing.bake(use_frame_count=True, frame_count=24)
+    scene, reported = bpy.context.scene, addon("report_panels").changed_since
+    assert not any("moves until" in text for text in reported(scene, pile))
+    scene.frame_end = pile.cairn.timing_start + 5
+    assert any(text.endswith(f"the scene ends at {scene.frame_end}.") for text in reported(scene, pile))

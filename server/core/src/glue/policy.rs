@@ -8,7 +8,7 @@
 //! | 0 | it stands without glue | no glue; nor for heaps that stand, where others fall | [`SAGS`] |
 //! | 0 | (no trial yet) | place; weld the pairs that are pressed into each other | [`PRESSED`] |
 //! | 1 | the pile leans as a whole | glue all feet to the ground from now on, and try it again | [`LEANS`] |
-//! | 2 | many moved, or it sags | weld the pairs that slip, with trials, if they are few and it stands then | [`SLIPS`] |
+//! | 2 | many moved, or it sags | weld the few pairs that slip, with trials, if it stands then | [`SLIPS`] |
 //! | 3 | few moved, or prices are at the top | discount their friction; go on from these joints | [`IN_PLACES`] |
 //! | 4 | at most [`LOCAL_MOVED`] moved, early on | raise the price around bodies that moved a little | [`LOCAL`] |
 //! | 5 | many bodies moved | raise the price everywhere; start from no joints | [`PRICES`] |

@@ -4,11 +4,15 @@ use super::bake::{BakedGlue, BakedGlueDot};
 use super::inputs::NamedFigures;
 use super::warnings::bodies;
 use crate::glue::{Glued, MOST_MOVED};
-use cairn_engine::world::{BodyId, Role};
+use cairn_analysis::assembly::Assembly;
+use cairn_engine::world::{BodyId, PairSide, Role, World};
+use cairn_geometry::contact::REAL_CONTACT;
 use cairn_geometry::measure;
+use cairn_geometry::topology::DisjointSets;
 use cairn_input::error::counted;
 use cairn_motion::glue::Joint;
 use cairn_motion::step::Simulation;
+use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The glue as it is at the end.
@@ -36,6 +40,49 @@ pub fn baked(sim: &Simulation) -> BakedGlue {
     }
 }
 
+/// The least downward force of the glue at the ground that keeps each heap from tipping over as one solid; in weights
+/// of all bodies. What feet pull against each other does not count.
+fn least_pull(joints: &[Joint], world: &World) -> f64 {
+    let mut heaps = DisjointSets::new(world.bodies().len());
+    let mut feet: Vec<(BodyId, DVec3)> =
+        joints.iter().filter(|dot| dot.b.is_none()).map(|dot| (dot.a, dot.point)).collect();
+    joints.iter().filter_map(|dot| Some((dot.a, dot.b?))).for_each(|(a, b)| heaps.join(a, b));
+    for pair in world.contact_pairs(REAL_CONTACT) {
+        match pair.b {
+            PairSide::Body(b) => heaps.join(pair.a, b),
+            _ => feet.extend(pair.points.iter().map(|contact| (pair.a, contact.point))),
+        }
+    }
+    let assembly = Assembly::new(world, |_| true);
+    let mut found: BTreeMap<BodyId, (f64, DVec3, Vec<DVec3>)> = BTreeMap::new();
+    for (&id, body) in assembly.ids.iter().zip(&assembly.bodies) {
+        let (mass, moment, _) = found.entry(heaps.find(id)).or_default();
+        *mass += body.mass;
+        *moment += body.center_of_mass * body.mass;
+    }
+    for (id, point) in feet {
+        found.entry(heaps.find(id)).or_default().2.push(point);
+    }
+    let mass: f64 = found.values().map(|(mass, ..)| mass).sum();
+    let pull: f64 = found.values().map(|(mass, moment, feet)| mass * tipping(*moment / *mass, feet)).sum();
+    if mass > 0.0 { pull / mass } else { 0.0 }
+}
+
+/// The least downward force at its feet that keeps a solid of weight 1 from tipping over: to each side, the lever of its
+/// center of mass beyond the outermost foot, over that of the foot farthest behind.
+fn tipping(center: DVec3, feet: &[DVec3]) -> f64 {
+    let side = |degrees: usize| {
+        let (sin, cos) = libm::sincos((degrees as f64).to_radians());
+        let along = |p: &DVec3| p.x * cos + p.z * sin;
+        let outer = feet.iter().map(along).fold(f64::NEG_INFINITY, f64::max);
+        let inner = feet.iter().map(along).fold(f64::INFINITY, f64::min);
+        (along(&center) - outer) / (outer - inner).max(NARROWEST)
+    };
+    if feet.is_empty() { 0.0 } else { (0..360).map(side).fold(0.0, f64::max) }
+}
+
+/// A foot is at least so wide, d.
+const NARROWEST: f64 = 0.1;
 /// Beyond this share of glued contact pairs, the pile is nearly one solid.
 const SOLID: f64 = 0.3;
 
@@ -48,7 +95,6 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
     let moment = |dot: &Joint| dot.moment.length() * 2.0;
     let largest = |values: &[f64]| (!values.is_empty()).then(|| values.iter().copied().fold(0.0, f64::max));
     let at_ground = || glued.joints.iter().filter(|dot| dot.b.is_none());
-    let pull: f64 = at_ground().map(|dot| (-dot.force.y).max(0.0)).sum();
     BTreeMap::from([
         ("touches", Some(glued.contact_pairs as f64)),
         ("glue_dots_least", Some(glued.at_least as f64)),
@@ -56,7 +102,7 @@ pub fn figures(glued: &Glued, sim: &Simulation) -> NamedFigures {
         ("glued_body_fraction", Some(touched.len() as f64 / count)),
         ("glue_cluster_max", Some(sim.pile.glue.tally.cluster_max as f64)),
         ("anchored", Some(at_ground().count() as f64)),
-        ("ground_pull_rel", Some(pull / count)),
+        ("ground_pull_rel", Some(least_pull(&glued.joints, &sim.pile.world))),
         ("glue_force_max", largest(&forces)),
         ("glue_force_p50", (!forces.is_empty()).then(|| measure::percentile(&forces, 0.5))),
         ("glue_moment_max", largest(&glued.joints.iter().map(moment).collect::<Vec<_>>())),
@@ -118,10 +164,20 @@ pub fn warnings(glued: &Glued, diameter: f64, bound: f64) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Glued, warnings};
+    use super::{Glued, tipping, warnings};
     use crate::testing::says_only;
     use cairn_motion::glue::Joint;
     use glam::DVec3;
+
+    #[test]
+    fn a_solid_tips_where_its_center_is_beyond_its_feet() {
+        let feet = [(0.0, 0.0), (1.0, 0.0), (1.0, 2.0), (0.0, 2.0)].map(|(x, z)| DVec3::new(x, 0.3, z));
+        for (x, z, pull) in [(0.5, 1.0, 0.0), (1.0, 1.9, 0.0), (3.0, 1.0, 2.0), (0.5, 3.0, 0.5), (0.5, -1.0, 0.5)] {
+            let found = tipping(DVec3::new(x, 5.0, z), &feet);
+            assert!((found - pull).abs() < 1e-9, "center at {x} {z}: {found}, not {pull}");
+        }
+        assert_eq!(tipping(DVec3::ZERO, &[]), 0.0, "what hangs on scenery does not tip");
+    }
 
     #[test]
     fn each_warning_of_the_glue_has_its_cause() {

@@ -49,7 +49,7 @@ pub fn measure(
         if let Some((container, filled)) = filled {
             notes.extend(warnings::fill(inputs, container, filled, first));
         }
-        notes.extend(warnings::empty_parts(&shape.empty_parts, figures.get("shape_iou").copied().flatten()));
+        notes.extend(warnings::empty_parts(&shape.empty_parts, first.shape_iou.value));
         notes.extend(first.caveats(|prop| &inputs.scene.props[prop].model.name));
     }
     let gap = contacts::widest_gap(&sim.pile.world);

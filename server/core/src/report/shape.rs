@@ -112,7 +112,9 @@ pub fn figures(
     // What was full and has fallen needs no smaller props.
     if fills && at_end.as_ref().is_some_and(is_poor) && first.as_ref().is_none_or(is_poor) {
         measured.shapes += 1;
-        measured.empty_parts = LocalThickness::new(&region).uncovered(measurer.covered(&pile_of(&props, &held)));
+        // What was filled and has fallen since is not empty for its thickness.
+        let filled = if start.is_empty() { &held } else { &start };
+        measured.empty_parts = LocalThickness::new(&region).uncovered(measurer.covered(&pile_of(&props, filled)));
     }
     if let Some(first) = &first {
         let kept = at_end.as_ref().and_then(|end| measure::kept_shape(first, &end.shape_iou));

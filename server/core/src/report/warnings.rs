@@ -21,6 +21,8 @@ const MOST_POCKETS: f64 = 0.02;
 /// If the props, by their outlines, fill less of the control mesh than this, the user is warned: half of what random
 /// props reach.
 const POOR_FILL: f64 = 0.2;
+/// A shape that a pile matches at least so far is filled, however much air its props enclose.
+const HALF: f64 = 0.5;
 /// A container whose surfaces are nearer to each other than two props are thick is narrow.
 const NARROW: f64 = 1.0;
 
@@ -60,7 +62,8 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
     let floats =
         inputs.target.is_some_and(|mesh| mesh.bounds().0.y - inputs.ground > FLOATING * inputs.plan.prop_diameter);
     // A pile that fell before frame 0 is not where it was filled.
-    if filled.full && first.fill_fraction * outline_share(inputs) < POOR_FILL && !floats {
+    let is_poor = first.fill_fraction * outline_share(inputs) < POOR_FILL && first.shape_iou.value < HALF;
+    if filled.full && is_poor && !floats {
         let protrusion = inputs.params.fill.protrusion;
         let cause = poor_fill(&filled.removed, filled.bodies.len(), protrusion, crowding(inputs, container));
         warnings.push(format!("only {:.0} % of the control mesh could be filled{cause}", 100.0 * first.fill_fraction));
@@ -84,15 +87,15 @@ pub fn fill(inputs: &ReportInputs, container: &Container, filled: &Filled, first
     warnings
 }
 
-/// A warning about parts of the control mesh that are empty. `shape_iou`: the match with the control mesh.
-pub fn empty_parts(parts: &[Part], shape_iou: Option<f64>) -> Option<String> {
+/// A warning about parts of the control mesh that are empty. `shape_iou`: the match with the control mesh, as filled.
+pub fn empty_parts(parts: &[Part], shape_iou: f64) -> Option<String> {
     let share: f64 = parts.iter().map(|part| part.share).sum();
     let are = counted(parts.len(), "part is", "parts are");
-    let (places, shape_iou) = (describe_parts(parts), 100.0 * shape_iou?);
+    let (places, shape_iou) = (describe_parts(parts), 100.0 * shape_iou);
     (!parts.is_empty()).then(|| {
         format!(
-            "the pile matches {shape_iou:.0} % of the shape as drawn: {are} empty, {:.0} % of its volume: {places}; \
-             smaller props reach farther (`cairn plan` names a size)",
+            "as filled, the pile matches {shape_iou:.0} % of the shape as drawn: {are} empty, {:.0} % of its volume: \
+             {places}; smaller props reach farther (`cairn plan` names a size)",
             100.0 * share
         )
     })
