@@ -68,8 +68,8 @@ fn least_pull(joints: &[Joint], world: &World) -> f64 {
     if mass > 0.0 { pull / mass } else { 0.0 }
 }
 
-/// The least downward force at its feet that keeps a solid of weight 1 from tipping over: to each side, the lever of its
-/// center of mass beyond the outermost foot, over that of the foot farthest behind.
+/// The least downward force at its feet that keeps a solid of weight 1 from tipping over: to each side, the lever of
+/// its center of mass beyond the outermost foot, over that of the foot farthest behind.
 fn tipping(center: DVec3, feet: &[DVec3]) -> f64 {
     let side = |degrees: usize| {
         let (sin, cos) = libm::sincos((degrees as f64).to_radians());
