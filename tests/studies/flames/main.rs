@@ -1,7 +1,7 @@
 //! Where a bake's time goes: a flame graph for each small scene, from samples of the running bake, and what README.md
 //! beside this file describes them.
 //!
-//!     CARGO_PROFILE_RELEASE_DEBUG=line-tables-only cargo run --release --locked --package cairn-flames
+//!     CARGO_PROFILE_RELEASE_DEBUG=line-tables-only cargo run --release --package cairn-flames --example flames
 
 mod names;
 #[path = "../piles/mod.rs"]
