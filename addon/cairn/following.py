@@ -286,8 +286,9 @@ def finished(operator, context, collection):
     hanging = int(report.get("measures", {}).get("hanging_visible") or 0)
     if hanging:
         said.append("1 body hangs in the air" if hanging == 1 else f"{hanging} bodies hang in the air")
-    if timing.beyond(collection, context.scene):
-        said.append(timing.beyond(collection, context.scene))
+    beyond = timing.beyond(collection, context.scene)
+    if beyond:
+        said.append(beyond)
     operator.report({"WARNING" if len(said) > 1 else "INFO"}, ". ".join(said))
     if bpy.app.background:
         # With a window, Blender does so before it draws.

@@ -143,8 +143,9 @@ def changed_since(scene, collection):
     place = running.recipe_of(collection).get("place")
     if note.control and place and roots.is_left_behind(roots.of(collection), note.control, place):
         found.append(f"“{note.control.name}” was moved since this bake. Bake again to follow it.")
-    if timing.beyond(collection, scene):
-        found.append(f"{timing.beyond(collection, scene)}.")
+    beyond = timing.beyond(collection, scene)
+    if beyond:
+        found.append(f"{beyond}.")
     rate, now = running.report_of(collection).get("frame_rate", 0.0), scene.render.fps / scene.render.fps_base
     is_played = note.mode != "POSE" and note.frame_count > 1 and note.timing_speed == 1.0
     if is_played and rate and abs(now / rate - 1.0) > SAME_RATE:
